@@ -209,6 +209,7 @@ def test_plastic_bodies_in_the_text():
 
     assert f"within {worst('necking', '.*force', 'one body, same')} of one body" in accuracy
     assert f"within {worst('necking', '.*', 'one body, refined')} of a mesh" in accuracy
+    assert f"within {worst('necking in 3D', '.*', 'axisymmetric')} of the section" in accuracy
     early, late = (
         worst("notched", f".*{at} mm", "code_aster ssna120a$") for at in ("0.[23]", "0.4")
     )
@@ -225,3 +226,6 @@ def test_plastic_bodies_in_the_text():
     traction, gap = worst("inclusion", "traction", ".*"), worst("inclusion", "opening", ".*")
     assert f"traction within {traction} and gap within {gap} of the closed form" in accuracy
     assert f"moment within {worst('plastic arms', '.*', '.*')} of the J integral" in accuracy
+    moment, work = worst("peeled", "moment", ".*"), worst("peeled", "work", ".*")
+    assert f"moment within {moment} and work per new area within {work} of elem" in accuracy
+    assert f"of the work, within {worst('peeled', 'plastic', '.*')} |" in accuracy

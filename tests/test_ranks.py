@@ -35,6 +35,13 @@ def test_bodies_meshed_separately(tmp_path):
     compare(list(ranks.APART), (2,), tmp_path)
 
 
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
+def test_bonds_of_plastic_bodies(tmp_path):
+    """The same steps while boundaries of grains that flow fail and come off, on one rank and on
+    two."""
+    compare(list(ranks.FLOWS), (2,), tmp_path)
+
+
 def compare(scenes: list[str], counts: tuple[int, ...], folder: Path) -> None:
     """Check that scenes give the same on these numbers of ranks as on one."""
     ranks.main(scenes, folder)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from support.plastic import CONES, DT, ELASTIC, TENSORS, E, after, kirchhoff
+from support.scenes import LEFT, RIGHT, two_blocks
 
 import vmdg
 
@@ -69,6 +70,27 @@ def test_stress_is_continuous_where_the_apex_begins(name):
     steps = np.linalg.norm(np.diff(stresses, axis=0), axis=(1, 2))
     elastic = 3 * BULK * 0.03 * math.sqrt(3) + 2 * BULK * 0.05 * np.linalg.norm(shape)
     assert steps.max() < elastic / n
+
+
+def test_bar_at_the_apex(comm):
+    """A bar between walls is pulled to the apex, unloads elastically, and is pulled on at the same
+    stress, though without hardening it has no stiffness there."""
+    cone = vmdg.DruckerPrager(*ELASTIC, COHESION, FRICTION, dilatancy=18.0)
+    scene = two_blocks(comm, "quadrilateral", 2)
+    tie, end = vmdg.Interface(between=(1, 2), law=vmdg.Bonded()), scene.facet_tags.find(RIGHT)
+    given = scene.mesh, scene.cell_tags, {1: cone, 2: cone}, [tie]
+    problem = vmdg.Problem(*given, kinematics="small", volumetric="mean")
+    problem.dirichlet(lambda x: np.isclose(x[1], 0.0) | np.isclose(x[1], 1.0), 0.0, "y")
+    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0, "x")
+    problem.dirichlet(end, lambda t: t, "x")
+    loads = np.array([0.5, 0.499, 0.8])
+    history = vmdg.solve(problem, loads, monitor=lambda p: {"force": p.reaction(end)[0]}).history
+    assert history["load"].tolist() == loads.tolist()
+    apex, length = cone.xi / cone.eta * COHESION, 2.0
+    confined = BULK + 2 / 3 * ELASTIC[0] / (1 + ELASTIC[1])
+    assert history["force"] == pytest.approx(
+        [apex, apex - confined * 0.001 / length, apex], rel=1e-8
+    )
 
 
 def free(material, strain, unknown, steps=40):

@@ -28,6 +28,7 @@ from vmdg.meshes import blocks, fibre_matrix, random_fibres
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "demos"))
 sys.path.append(str(Path(__file__).resolve().parents[2] / "demos" / "studies"))
+import ductile_grains
 import fibre_matrix as cell
 import load_cycle
 import pushout
@@ -82,6 +83,15 @@ def inclusions(size: float) -> Runs:
     """Two inclusions under the public law."""
     problem, _ = two_inclusions.build(two_inclusions.LAWS["intrinsic"], 1, size)
     yield problem, np.linspace(0, two_inclusions.END, 41)[1:]
+
+
+def grains() -> Runs:
+    """Grains that flow at a crack, until all of their boundaries across the square have come off.
+
+    Where the last one does, the damage work along the path is rounding.
+    """
+    problem, _ = ductile_grains.build(12, 2.5, 1, ductile_grains.YIELDS["hard"], 300.0)
+    yield problem, np.linspace(0.0, 7e-3, 8)[1:]
 
 
 def rings() -> Runs:
@@ -168,6 +178,9 @@ APART = {
     "sliding block that flows": lambda: sliding("hexahedron", RUBS, FLOWING, volumetric="mean"),
 }
 
+#: Bonds between plastic bodies.
+FLOWS = {"grains that flow": grains}
+
 
 def differences(folder: Path) -> list[tuple[str, int, float]]:
     """Scene, ranks, and largest difference of forces and works from those of one rank.
@@ -217,7 +230,7 @@ def solve(problem: vmdg.Problem, loads: NDArray) -> dict:
 
 def main(names: list[str], folder: Path) -> None:
     """Run these scenes; writes ``folder``/ranks_N.json."""
-    scenes = SCENES | APART
+    scenes = SCENES | APART | FLOWS
     found = {name: [solve(*run) for run in scenes[name]()] for name in names}
     ranks = MPI.COMM_WORLD.size
     if MPI.COMM_WORLD.rank == 0:

@@ -13,6 +13,10 @@ import numpy as np
 from .plasticity import Plastic, Returned, check_numbers, deviatoric, dot, isotropic, with_mean
 from .point import Array
 
+#: Stiffness of points at the apex in the tangent, relative to the elastic one: without hardening
+#: they have none, and a body that flows there through all of a section has a singular tangent.
+_HELD = 1e-8
+
 #: How the cone meets the pyramid of Mohr and Coulomb: sign of sin(friction) in 3 -/+ sin(friction).
 _EDGES = {"compression": -1, "tension": 1}
 _FITS = (*_EDGES, "plane strain")
@@ -32,8 +36,9 @@ class DruckerPrager(Plastic):
     the stress continuous for any dilatancy, and lets bodies without dilatancy reach the apex (there
     the book differs). In uniaxial stress the cone is reached at 3 xi c/(sqrt(3) + eta) in tension
     and 3 xi c/(sqrt(3) - eta) in compression. Without hardening a point at the apex has no
-    stiffness in any direction. With less dilatancy than friction a confined body may soften, and
-    then flows in one part only, in one row of cells, whatever their size.
+    stiffness in any direction; the tangent has 1e-8 of the elastic one there. With less dilatancy
+    than friction a confined body may soften, and then flows in one part only, in one row of cells,
+    whatever their size.
 
     Args:
         E: Young's modulus [MPa].
@@ -133,7 +138,11 @@ class DruckerPrager(Plastic):
         turned = np.where(cone, 2 * G - left, 0.0) - math.sqrt(2) * G * by_n
         one = np.zeros(trial.shape[1])
         one[:3] = 1.0
-        tangent = isotropic(p_by_volume, left, trial.shape[1])
+        bulk, shear = (
+            np.where(apex, np.maximum(found, _HELD * elastic), found)
+            for found, elastic in ((p_by_volume, K), (left, 2 * G))
+        )
+        tangent = isotropic(bulk, shear, trial.shape[1])
         row = turned[:, None] * n - (math.sqrt(2) * G * by_volume)[:, None] * one
         tangent += n[:, :, None] @ row[:, None]
         tangent += one[:, None] * (p_by_n[:, None] * n)[:, None]

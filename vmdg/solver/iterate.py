@@ -27,6 +27,10 @@ Array = NDArray[np.float64]
 #: Finite-difference step of the displacement, relative to the size of the body.
 INCREMENT = 1e-7
 
+#: Rate of the damage work that counts as rounding, relative to that of points whose trial traction
+#: changes by r times the largest displacement.
+UNFELT = 1e-8
+
 
 class Iterate:
     """The iterate of an attempt, the state of the problem; all methods are collective.
@@ -197,11 +201,14 @@ class Iterate:
     def rates(self, direction: Direction, work: float = 0.0) -> Reach:
         """Rates of the limits along a direction, with additional work."""
         along = 0.0 if self.along is None else direction.u @ self.along
-        done, along = global_sum(self._comm, [self._work_along(direction), along])
+        done, felt, along = global_sum(self._comm, [*self._work_along(direction), along])
+        # Where the last bonds have come off, its sign would be chance, and with it the direction.
+        done = done if abs(done) > UNFELT * felt else 0.0
         return Reach(direction.t, done + work, along)
 
-    def _work_along(self, direction: Direction) -> float:
-        """Derivative of the damage work along a direction, from the gradients of the laws."""
+    def _work_along(self, direction: Direction) -> tuple[float, float]:
+        """Derivative of the damage work along a direction, from the gradients of the laws, and what
+        it would be if trial tractions changed by r times the largest displacement."""
         size = global_norm(self._comm, direction.u)
         gradients = [
             (before if active.values.update is None else active.work_gradient(self._dt))[
@@ -214,8 +221,9 @@ class Iterate:
             gradients = [G * points[:, None] for G, points in known]
         largest = max((np.abs(G).max(initial=0.0) for G in gradients), default=0.0)
         if size == 0 or global_max(self._comm, float(largest)) == 0:
-            return 0.0
-        parts, here, work = self._discretization, self.place(), 0.0
+            return 0.0, 0.0
+        parts, here, work, felt = self._discretization, self.place(), 0.0, 0.0
+        farthest = global_max(self._comm, float(np.abs(direction.u).max(initial=0.0)))
         straight = parts.bodies.linear and not self._loading.pressurised
         # If it is exact for any h, a direction is added at the size of the mesh: then rounding
         # depends neither on its length nor on the unit of the load factor.
@@ -229,11 +237,15 @@ class Iterate:
             for active, G, q in zip(interfaces, gradients, before, strict=True):
                 kept = active.quadrature.kept
                 change = np.einsum("pi,pi->p", G, (active.total_in_frame() - q)[kept]) / h
-                work += active.quadrature.weights[kept] @ change
+                weights = active.quadrature.weights[kept]
+                r = active.stabilization.norm[active.quadrature.facet[kept]]
+                work += weights @ change
+                felt += (weights * r) @ np.linalg.norm(G, axis=1) * farthest
             self.visit(here)
             if bodies:
                 bodies.take(bodies.state)
-        return float(parts.geometry.thickness) * work
+        thickness = float(parts.geometry.thickness)
+        return thickness * work, thickness * felt
 
     def forces(self) -> Array:
         """Residual on owned dofs, without reactions of supports and rigid faces [N]."""

@@ -11,35 +11,44 @@ from parts.plasticity.rows import STEEL, Row
 from parts.verification.checks import describe
 from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
-from vmdg.meshes.two_blocks import LEFT, RIGHT
+from vmdg.meshes.two_blocks import BACK, BOTTOM, LEFT, RIGHT
 
 #: Radius, half of the length, radius at the middle relative to that at the ends, pull of each end.
 RADIUS, HALF, WAIST, PULL = 6.413, 26.667, 0.982, 7.0  # mm, mm, -, mm
 BONDS = {"tied": vmdg.Bonded(), "bonded": vmdg.Debonding(strength=5e3, critical_gap=0.1)}
 
 
-def bar(
-    bond: str | None, across: int, along: int, grading: float = 12.0
-) -> tuple[vmdg.Problem, vmdg.NamedTags]:
+#: How much longer cells are at the ends than at the middle: 1 + 2 GRADING.
+GRADING = 12.0
+
+
+def profile(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions along the bar of places -1 to 1, relative to half of it, and radii there [mm].
+
+    The radius grows linearly from the middle.
+    """
+    share = np.abs(place)
+    share = (share + GRADING * share**2) / (1 + GRADING)
+    return np.sign(place) * share, RADIUS * (WAIST + (1 - WAIST) * share)
+
+
+def bar(bond: str | None, across: int, along: int) -> tuple[vmdg.Problem, vmdg.NamedTags]:
     """The bar as an axisymmetric section and the tags of its ends, which pull apart along y.
 
-    The ends may contract, as in Simo and Armero (1992); the radius grows linearly from the middle.
+    The ends may contract, as in Simo and Armero (1992).
 
     Args:
         bond: Key of BONDS for what joins the halves, None for one body.
         across: Cells over the radius.
         along: Cells over half of the length.
-        grading: How much longer cells are at the ends than at the middle: 1 + 2 grading.
     """
     mesh, cells, facets = blocks(
         MPI.COMM_WORLD, "quadrilateral", (along, across), 2.0, 1.0, interface=(1.0, 1.0)
     )
     x = mesh.geometry.x
-    place, depth = x[:, 0] - 1.0, x[:, 1].copy()
-    share = np.abs(place)
-    share = (share + grading * share**2) / (1 + grading)
-    x[:, 0] = depth * RADIUS * (WAIST + (1 - WAIST) * share)
-    x[:, 1] = np.sign(place) * share * HALF
+    share, radius = profile(x[:, 0] - 1.0)
+    x[:, 0] = x[:, 1] * radius
+    x[:, 1] = share * HALF
     interfaces = [vmdg.Interface(between=(1, 2), law=BONDS[bond])] if bond else []
     materials = {1: STEEL, 2: STEEL}
     problem = vmdg.Problem(mesh, cells, materials, interfaces, degree=2, symmetry="axisymmetric")
@@ -49,15 +58,49 @@ def bar(
     return problem, facets
 
 
+def solid_bar(bond: str | None, across: int, along: int) -> tuple[vmdg.Problem, vmdg.NamedTags]:
+    """A quarter of the bar in 3D, of hexahedra, whose ends pull apart along x.
+
+    A square becomes the quarter of a disc by (y, z) -> (y sqrt(1 - z^2/2), z sqrt(1 - y^2/2)); its
+    edge of chords is moved out until it has the area of the disc. Arguments as for :func:`bar`.
+    """
+    counts = (along, across, across)
+    mesh, cells, facets = blocks(
+        MPI.COMM_WORLD, "hexahedron", counts, 2.0, 1.0, interface=(1.0, 1.0)
+    )
+    x = mesh.geometry.x
+    share, radius = profile(x[:, 0] - 1.0)
+    edge = np.arctan2(*disc(np.linspace(0.0, 1.0, across + 1), 1.0))
+    chords = np.sin(np.diff(edge)).sum()
+    y, z = disc(x[:, 1], x[:, 2])
+    x[:, 0] = share * HALF
+    x[:, 1:] = (radius * np.sqrt(np.pi / 4 / chords))[:, None] * np.column_stack([y, z])
+    interfaces = [vmdg.Interface(between=(1, 2), law=BONDS[bond])] if bond else []
+    problem = vmdg.Problem(mesh, cells, {1: STEEL, 2: STEEL}, interfaces, degree=2)
+    problem.dirichlet(facets.find(LEFT), lambda t: -t, "x")
+    problem.dirichlet(facets.find(RIGHT), lambda t: t, "x")
+    problem.dirichlet(facets.find(BOTTOM), 0.0, "y")
+    problem.dirichlet(facets.find(BACK), 0.0, "z")
+    return problem, facets
+
+
+def disc(y: np.ndarray, z: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the unit disc for those of a square."""
+    return y * np.sqrt(1 - np.square(z) / 2), z * np.sqrt(1 - np.square(y) / 2)
+
+
 def pull(
-    bond: str | None, across: int, along: int, steps: int = 56
+    bond: str | None, across: int, along: int, steps: int = 56, solid: bool = False
 ) -> tuple[vmdg.Problem, vmdg.History]:
-    """Pull each end by 7 mm: the problem at the end, and the history with its force [kN]."""
-    problem, facets = bar(bond, across, along)
-    end = facets.find(RIGHT)
+    """Pull each end by 7 mm: the problem at the end, and the history with its force [kN].
+
+    ``solid`` is the quarter in 3D, the force that of the whole bar.
+    """
+    problem, facets = (solid_bar if solid else bar)(bond, across, along)
+    end, axis, share = facets.find(RIGHT), 0 if solid else 1, 4 if solid else 1
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        return {"force [kN]": problem.reaction(end)[1] / 1e3}
+        return {"force [kN]": share * problem.reaction(end)[axis] / 1e3}
 
     loads = np.linspace(0.0, PULL, steps + 1)[1:]
     return problem, vmdg.solve(problem, loads, monitor=monitor).history
@@ -81,7 +124,7 @@ def neck(problem: vmdg.Problem) -> float:
 
 
 def necking(coarse: bool = False) -> tuple[list[Row], dict[str, vmdg.History]]:
-    """Halves tied or bonded at the neck against one body and against a finer mesh."""
+    """Halves tied or bonded at the neck against one body and a finer mesh; in 3D the section."""
     (across, along), steps = ((4, 12), 28) if coarse else ((8, 24), 56)
     whole, one = pull(None, across, along, steps)
     runs, rows = {"one body": one}, []
@@ -99,5 +142,13 @@ def necking(coarse: bool = False) -> tuple[list[Row], dict[str, vmdg.History]]:
     rows += [
         Row("necking, tied", name, found[name], fine[name], "one body, refined", mesh)
         for name in fine
+    ]
+    counts = (2, 6) if coarse else (3, 8)
+    _, flat = pull("tied", *counts, steps=28)
+    problem, thick = pull("tied", *counts, steps=28, solid=True)
+    section, found, mesh = forces(flat), forces(thick), describe(problem, 2)
+    rows += [
+        Row("necking in 3D, tied", name, found[name], section[name], "axisymmetric", mesh)
+        for name in section
     ]
     return rows, runs
