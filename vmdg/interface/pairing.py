@@ -39,7 +39,7 @@ from ..forms.geometry import CARTESIAN, Geometry
 from ..laws import Law
 from .facets import InterfaceFacets, facet_properties, find_facets
 from .interface import KEEP, Interface
-from .segments import FAR_REACH, REACH, FlatFacets, Segments, cut, near_pairs, passed
+from .segments import FAR_REACH, REACH, FlatFacets, Segments, cut, passed, soon_paired
 
 #: Least share of the smaller surface that must lie opposite the other one.
 _LEAST_SHARE = 0.01
@@ -193,7 +193,7 @@ class Surfaces:
 
     def near(self, u: fem.Function) -> NDArray[np.intp]:
         """Rows of the two surfaces whose facets are or may soon be paired (n, 2)."""
-        return np.column_stack(near_pairs(*self.flat(u), self.reach))
+        return np.column_stack(soon_paired(*self.flat(u), self.reach))
 
 
 @dataclass(frozen=True, kw_only=True)
