@@ -112,15 +112,15 @@ class FacetJets:
         """Shape functions and their gradients by rows, of products of small matrices (nf, 2 sides,
         points times 1 + slopes, nodes)."""
         both = np.concatenate([self.values[..., None], self.gradients], axis=4)
-        count, _, sides, nodes, _ = both.shape
-        return both.transpose(0, 2, 1, 4, 3).reshape(count, sides, -1, nodes)
+        count, points, sides, nodes, rows = both.shape
+        return both.transpose(0, 2, 1, 4, 3).reshape(count, sides, points * rows, nodes)
 
     def of_field(self, values: Array) -> tuple[Array, Array]:
         """A displacement on both sides (nf, points, 2, d) [mm], and its entries of GRAD (nf,
         points, 2, entries), at all facets, from its values at the nodes (nodes, d)."""
-        d, (count, points, *_) = self._d, self.values.shape
+        d, (count, points, _, _, slopes) = self._d, self.gradients.shape
         found = self._columns @ values[self._dofs[self._facets.cells]]
-        found = found.reshape(count, 2, points, -1, d).swapaxes(1, 2)
+        found = found.reshape(count, 2, points, 1 + slopes, d).swapaxes(1, 2)
         G = found[..., 1 : 1 + d, :].swapaxes(3, 4).reshape(count, points, 2, d * d)
         if self._hoop:
             G = np.concatenate([G, found[..., 1 + d :, 0]], axis=3)
@@ -133,14 +133,14 @@ class FacetJets:
         Args:
             flux: Conjugate to jets (nf, points, jet).
         """
-        d, (count, points) = self._d, flux.shape[:2]
+        d, (count, points, _, _, slopes) = self._d, self.gradients.shape
         G = flux[:, :, d:].reshape(count, points, 2, len(self.entries))
-        rows = np.zeros((count, points, 2, self.gradients.shape[4] + 1, d))
+        rows = np.zeros((count, points, 2, 1 + slopes, d))
         rows[:, :, 0, 0], rows[:, :, 1, 0] = -flux[:, :, :d], flux[:, :, :d]
         rows[..., 1 : 1 + d, :] = G[..., : d * d].reshape(count, points, 2, d, d).swapaxes(3, 4)
         if self._hoop:
             rows[..., 1 + d, 0] = G[..., d * d]
-        rows = rows.swapaxes(1, 2).reshape(count, 2, -1, d)
+        rows = rows.swapaxes(1, 2).reshape(count, 2, points * (1 + slopes), d)
         return (self._columns.swapaxes(2, 3) @ rows).reshape(count, 2 * self.nodes, d)
 
     def side_forces(self, tractions: Array) -> Array:
