@@ -136,36 +136,29 @@ def displacements_in_cells(
     return _interpolated(lagrange(cell, degree), places, at_nodes)
 
 
-def bends_in_cells(
-    u: fem.Function, cells: NDArray[np.int32], places: Array, ways: Array
+def derivatives_in_cells(
+    u: fem.Function, cells: NDArray[np.int32], places: Array
 ) -> tuple[Array, Array]:
-    """How dX/dxi and du/dxi change along directions in the reference cell (n, points, k, d, t).
+    """X and u with their first and second derivatives in the reference cell (kinds, n, points, d),
+    in the order of ``basix.index``, at reference points of each cell.
 
     Args:
         u: A displacement.
         cells: Local cells (n,).
         places: Positions in the reference cell (n, points, t).
-        ways: Directions in it (n, k, t).
     """
-    space = u.function_space
+    space, (count, points, t) = u.function_space, places.shape
     mesh, degree = space.mesh, space.ufl_element().degree
     at_nodes = u.x.array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list[cells]]
-    return (
-        _bent(coordinate_shapes(mesh), places, cell_nodes(mesh, cells), ways),
-        _bent(lagrange(mesh.topology.cell_name(), degree), places, at_nodes, ways),
-    )
-
-
-def _bent(element: basix.ufl._ElementBase, places: Array, nodes: Array, ways: Array) -> Array:
-    """Second derivatives, one of them along ``ways``, see :func:`bends_in_cells`."""
-    count, points, t = places.shape
-    if not count:
-        return np.zeros((0, points, ways.shape[1], nodes.shape[2], t))
-    table = element.tabulate(2, places.reshape(-1, t)).reshape(-1, count, points, element.dim)
-    unit = np.eye(t, dtype=int)
-    second = [[basix.index(*(unit[i] + unit[j])) for j in range(t)] for i in range(t)]
-    found = (table @ nodes)[np.array(second)]
-    return np.einsum("stcqi,cks->cqkit", found, ways, optimize=True)
+    found = []
+    for element, nodes in (
+        (coordinate_shapes(mesh), cell_nodes(mesh, cells)),
+        (lagrange(mesh.topology.cell_name(), degree), at_nodes),
+    ):
+        shape = (t + 1) * (t + 2) // 2, count, points, element.dim
+        table = element.tabulate(2, places.reshape(-1, t)) if count else np.zeros(shape)
+        found.append(table.reshape(shape) @ nodes)
+    return found[0], found[1]
 
 
 class FacetShapes(NamedTuple):

@@ -26,14 +26,12 @@ from ..domain.materials import Bodies
 from ..domain.shapes import (
     GeometryMap,
     ShapeGradients,
-    bends_in_cells,
     determinants,
-    places_in_cells,
     reference_facets,
 )
 from ..forms import kinematics
 from ..forms.dilatation import MeanDilatation
-from ..forms.geometry import CARTESIAN, Axisymmetric, GeneralizedPlane, Geometry
+from ..forms.geometry import CARTESIAN, GeneralizedPlane, Geometry
 from ..forms.kinematics import Body
 from .facet_places import FacetPlaces, FacetPolynomials
 from .jets import FacetJets
@@ -247,32 +245,6 @@ class PairQuadrature(InterfaceQuadrature):
             found = self.jets(u.function_space).of_field(u.x.array.reshape(-1, self.d))
             self._last = u.x.array.copy(), found
         return self._last[1]
-
-    def slopes(self, u: fem.Function, a: int) -> Array | None:
-        """How the entries of GRAD u on side ``a`` change with X along its facet (nq, entries, d)
-        [1/mm]; None for constant gradients."""
-        cells, places, d = self.facets.cells[:, a], self._places[a], self.d
-        hoop = isinstance(self.geometry, Axisymmetric)
-        flat = self.mesh.topology.cell_name() in ("triangle", "tetrahedron")
-        if u.function_space.ufl_element().degree == 1 and flat and not hoop:
-            return None
-        edges = reference_facets(self.mesh)[1][self.facets.local[:, a]]
-        X, J = places_in_cells(self.mesh, cells, places)
-        inverse, tangents = np.linalg.inv(J), J @ edges.swapaxes(1, 2)[:, None]
-        # The derivative of GRAD u.J = du/dxi.
-        G = self.field(u)[1][:, :, a, : d * d].reshape(*X.shape, d)
-        bent, bent_u = bends_in_cells(u, cells, places, edges)
-        change = (bent_u - G[:, :, None] @ bent) @ inverse[:, :, None]
-        # Those of a dilatation or of F_33 are constant.
-        found = np.zeros((*X.shape[:2], len(self.geometry.entries(d)), d - 1))
-        found[:, :, : d * d] = change.reshape(*X.shape[:2], d - 1, d * d).swapaxes(2, 3)
-        if hoop:
-            around, radius = self.field(u)[1][:, :, a, d * d, None], X[..., :1]
-            along = G[:, :, :1] @ tangents
-            found[:, :, d * d] = (along[:, :, 0] - around * tangents[:, :, 0]) / radius
-        along = tangents.swapaxes(2, 3)
-        slopes = found @ np.linalg.inv(along @ tangents) @ along
-        return slopes.reshape(-1, *slopes.shape[2:])
 
     def side_evaluators(
         self,

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from .. import compat
 from ..base.parallel import global_any, global_box, global_max, global_sum, raise_together
-from ..domain.shapes import displacements_in_cells
 from ..domain.tags import group_tag
 from ..domain.topology import (
     UNTAGGED,
@@ -478,8 +477,9 @@ def _flat_facets(mesh: Mesh, surface: Surface, u: fem.Function | None) -> FlatFa
     count = len(basix.topology(cell)[0])
     x = mesh.geometry.x[compat.geometry_dofmap(mesh)[surface.cells][:, :count], :d]
     if u is not None:
-        at = np.broadcast_to(basix.geometry(cell), (len(x), count, d))
-        x = x + displacements_in_cells(u, surface.cells, at)[0]
+        # The first nodes of a cell are its corners.
+        nodes = u.function_space.dofmap.list[surface.cells, :count]
+        x = x + u.x.array.reshape(-1, d)[nodes]
     on_facet = np.take_along_axis(x, corners[surface.local][..., None], axis=1)
     return FlatFacets.of(on_facet, x.mean(axis=1))
 

@@ -1,5 +1,6 @@
 /* What the motion of pairs adds to the tangent of an interface, see partners.py for the terms and
-   tangent.c for jets. Compiled with DIM and ENTRIES, of GRAD in a jet. */
+   tangent.c for jets. Compiled with DIM, ENTRIES, of GRAD in a jet, and KNOWN, of them those of a
+   displacement. */
 
 enum
 {
@@ -16,13 +17,14 @@ typedef double vector[DIM];
 typedef double tensor[DIM][DIM];
 typedef double jets[DIM][JET];
 
-/* The inverse of I + G. */
-static void inverse(const double G[DIM][DIM], double result[DIM][DIM])
+/* The inverse of shift I + G. */
+static void inverse(double shift, const double G[DIM][DIM], double result[DIM][DIM])
 {
-  double F[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, cofactors[3][3], det = 0;
+  double F[3][3] = {{0}}, cofactors[3][3], det = 0;
+  F[2][2] = 1;
   for (int i = 0; i < DIM; ++i)
     for (int j = 0; j < DIM; ++j)
-      F[i][j] += G[i][j];
+      F[i][j] = (i == j ? shift : 0) + G[i][j];
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
     {
@@ -151,7 +153,7 @@ void add_partners(long count, const double area[], const double G[][2][DIM][DIM]
     const tensor* slopes[2] = {slopes1, slopes2};
     double n[DIM], m[DIM], other[DIM], inverses[2][DIM][DIM], ways[2][DIM][DIM];
     for (int a = 0; a < 2; ++a)
-      inverse(G[p][a], inverses[a]);
+      inverse(1, G[p][a], inverses[a]);
     for (int i = 0; i < DIM; ++i)
     {
       n[i] = dot(R[p][i], N[p]);
@@ -235,5 +237,73 @@ void add_partners(long count, const double area[], const double G[][2][DIM][DIM]
             D[p][START[a] + DIM * i + k][c] -= (a ? -1 : 1) * area[p] * T[p][i] * moved[a][k][c];
     }
     add_couple(n, R[p], W[p], force, D[p]);
+  }
+}
+
+/* A derivative of a position or displacement at a point, from those of all kinds at all points. */
+static const double* derivative(const double derivatives[], long kind, long count, long p)
+{
+  return derivatives + (kind * count + p) * DIM;
+}
+
+/* How P.N of one side changes with X along its facet, at `count` points.
+
+   H: (A.N); X, u: their derivatives in the reference cell, kind by kind, first the values; first,
+   second: the kinds of first and of second derivatives; G: entries of GRAD u; ways: directions in the
+   reference facet. */
+void traction_slopes(long count, const double H[][DIM][ENTRIES], const double X[], const double u[],
+                     const long first[DIM], const long second[DIM][DIM], const double G[][KNOWN],
+                     const double ways[][PLANE][DIM], double found[][DIM][DIM])
+{
+  for (long p = 0; p < count; ++p)
+  {
+    /* In the plane the second tangent is out of it. */
+    double J[DIM][DIM], J_inverse[DIM][DIM], rates[PLANE][DIM] = {{0}}, t[2][3] = {{0}, {0, 0, 1}};
+    for (int s = 0; s < DIM; ++s)
+      for (int i = 0; i < DIM; ++i)
+        J[i][s] = derivative(X, first[s], count, p)[i];
+    inverse(0, J, J_inverse);
+    for (int k = 0; k < PLANE; ++k)
+    {
+      /* d(GRAD u) = (d(du/dxi) - GRAD u.dJ).J^-1 along a direction. */
+      double change[KNOWN] = {0};
+      for (int i = 0; i < DIM; ++i)
+        t[k][i] = dot(J[i], ways[p][k]);
+      for (int s = 0; s < DIM; ++s)
+      {
+        double dJ[DIM] = {0}, bent[DIM] = {0};
+        for (int r = 0; r < DIM; ++r)
+          for (int i = 0; i < DIM; ++i)
+          {
+            dJ[i] += ways[p][k][r] * derivative(X, second[r][s], count, p)[i];
+            bent[i] += ways[p][k][r] * derivative(u, second[r][s], count, p)[i];
+          }
+        for (int i = 0; i < DIM; ++i)
+          for (int j = 0; j < DIM; ++j)
+            change[DIM * i + j] += (bent[i] - dot(&G[p][DIM * i], dJ)) * J_inverse[s][j];
+      }
+      if (KNOWN > SECTION)
+        change[KNOWN - 1]
+            = (dot(G[p], t[k]) - G[p][KNOWN - 1] * t[k][0]) / derivative(X, 0, count, p)[0];
+      for (int i = 0; i < DIM; ++i)
+        for (int e = 0; e < KNOWN; ++e)
+          rates[k][i] += H[p][i][e] * change[e];
+    }
+    double metric[2][2] = {{0}}, dual[2][3];
+    for (int i = 0; i < 3; ++i)
+      for (int k = 0; k < 2; ++k)
+        for (int l = 0; l < 2; ++l)
+          metric[k][l] += t[k][i] * t[l][i];
+    double det = metric[0][0] * metric[1][1] - metric[0][1] * metric[1][0];
+    for (int i = 0; i < 3; ++i)
+      for (int k = 0; k < 2; ++k)
+        dual[k][i] = (metric[1 - k][1 - k] * t[k][i] - metric[0][1] * t[1 - k][i]) / det;
+    for (int i = 0; i < DIM; ++i)
+      for (int j = 0; j < DIM; ++j)
+      {
+        found[p][i][j] = 0;
+        for (int k = 0; k < PLANE; ++k)
+          found[p][i][j] += rates[k][i] * dual[k][j];
+      }
   }
 }

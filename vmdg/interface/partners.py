@@ -23,12 +23,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import basix
 import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
 
 from ..base.kernels import call, compile_source
 from ..domain.materials import Bodies
+from ..domain.shapes import derivatives_in_cells, reference_facets
+from ..forms.geometry import Axisymmetric
 from .pair_quadrature import PairQuadrature
 from .stabilization import Stabilization
 from .tangent import PointTangent
@@ -36,7 +39,10 @@ from .tangent import PointTangent
 Array = NDArray[np.float64]
 
 #: Number of points, and the arrays of partners.c.
-_DECLARATIONS = f"void add_partners(long{', void *' * 22});"
+_DECLARATIONS = f"""
+void add_partners(long{", void *" * 22});
+void traction_slopes(long{", void *" * 8});
+"""
 
 
 class PartnerTangent:
@@ -54,7 +60,9 @@ class PartnerTangent:
     ):
         self._quadrature, self._u, self._bodies = quadrature, u, bodies
         self._tangent = tangent
-        sizes = {"DIM": quadrature.d, "ENTRIES": len(tangent.jets.entries)}
+        self._hoop = isinstance(quadrature.geometry, Axisymmetric)
+        d, entries = quadrature.d, len(tangent.jets.entries)
+        sizes = {"DIM": d, "ENTRIES": entries, "KNOWN": d * d + self._hoop}
         source, comm = Path(__file__).with_suffix(".c"), quadrature.mesh.comm
         self._module = compile_source(source, _DECLARATIONS, sizes, comm, "partners' tangent")
 
@@ -96,14 +104,26 @@ class PartnerTangent:
     def _traction_slopes(self, a: int) -> Array | None:
         """How P.N of side ``a`` changes with X along its facet (nq, d, d) [MPa/mm]; None where it
         is constant."""
-        q, d, points = self._quadrature, self._quadrature.d, self._bodies.points
-        slopes = q.slopes(self._u, a)
-        if slopes is None:
+        q, u, points = self._quadrature, self._u, self._bodies.points
+        degree, d = u.function_space.ufl_element().degree, q.d
+        flat = q.mesh.topology.cell_name() in ("triangle", "tetrahedron")
+        if degree == 1 and flat and not self._hoop:
             return None
-        found, cells = self._tangent.moduli[a] @ slopes, q.facets.cells[q.facet, a]
+        cells, places = q.facets.cells[:, a], q.places(degree)[a]
+        edges = reference_facets(q.mesh)[1][q.facets.local[:, a]]
+        unit = np.eye(d, dtype=int)
+        first = np.array([basix.index(*one) for one in unit])
+        second = np.array([[basix.index(*(one + other)) for other in unit] for one in unit])
+        found = np.empty((len(q.facet), d, d))
+        call(
+            self._module,
+            "traction_slopes",
+            *(self._tangent.moduli[a], *derivatives_in_cells(u, cells, places), first, second),
+            *(q.field(u)[1][:, :, a], edges[q.facet], found),
+        )
+        cells = cells[q.facet]
         if points is not None and (rows := np.flatnonzero(points.has(cells))).size:
-            degree = self._u.function_space.ufl_element().degree
-            places = q.places(degree)[a].reshape(-1, d)[rows]
-            stress = points.stress_slopes(cells[rows], places)[:, :d, :d]
+            there = places.reshape(-1, d)[rows]
+            stress = points.stress_slopes(cells[rows], there)[:, :d, :d]
             found[rows] = np.einsum("pijk,pj->pik", stress, q.outward[a][rows])
         return found
