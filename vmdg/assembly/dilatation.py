@@ -144,12 +144,14 @@ class Dilatation:
         blocks = self._blocks
         with timer("eliminate dilatation"):
             for form, block, pair in zip(self._forms, blocks, fields, strict=True):
+                fresh = not block.assembled
                 block.zeroEntries()
                 fem_petsc.assemble_matrix(block, form)
                 if pair:
                     for active, values, change in parts:
                         add_fields(block, active, values, *pair, change)
-                        add_couplings(block, active, *pair)
+                        if fresh:
+                            add_couplings(block, active, *pair)
                 block.assemble()
             D, A_ut, A_tu, A_tt = blocks
             inverse_volume = D.createVecLeft()

@@ -516,13 +516,15 @@ class Discretization:
                     (active, D if kept else 0.0 * D, flux(*state) if flux and kept else None)
                 )
         with timer("assemble tangent"):
+            fresh = not matrix.assembled
             matrix.zeroEntries()
             # PETSc drops preallocated entries that are not set before the first assembly.
             self._add_bodies(matrix)
             self.surface.add_tangents(matrix)
             for part in parts:
                 add_tangent(matrix, *part)
-                add_couplings(matrix, part[0])
+                if fresh:
+                    add_couplings(matrix, part[0])
             if self.means is not None:
                 # Rows that belong to no cell, for the identity of prescribed dofs.
                 for dof in self.means.owned_rows:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import basix
@@ -39,13 +40,19 @@ def reference_facets(mesh: Mesh) -> tuple[Array, Array]:
     return origins, np.array([corners[nodes[1:d]] - corners[nodes[0]] for nodes in facets])
 
 
+@cache
+def lagrange(
+    cell: str, degree: int, variant: basix.LagrangeVariant = basix.LagrangeVariant.gll_warped
+) -> basix.ufl._ElementBase:
+    """The Lagrange element of a cell, made once: that takes longer than its values at points."""
+    return basix.ufl.element("Lagrange", cell, degree, lagrange_variant=variant)
+
+
 def coordinate_shapes(mesh: Mesh) -> basix.ufl._ElementBase:
     """The shape functions of the positions."""
     coordinates = compat.coordinate_element(mesh)
     variant = basix.LagrangeVariant(coordinates.variant)
-    return basix.ufl.element(
-        "Lagrange", mesh.basix_cell(), coordinates.degree, lagrange_variant=variant
-    )
+    return lagrange(mesh.topology.cell_name(), coordinates.degree, variant)
 
 
 def cell_nodes(mesh: Mesh, cells: NDArray[np.int32] | slice) -> Array:
@@ -91,10 +98,16 @@ def places_in_cells(mesh: Mesh, cells: NDArray[np.int32], places: Array) -> tupl
         cells: Local cells (n,).
         places: Positions in the reference cell (n, points, t).
     """
-    values, slopes = _tabulated(coordinate_shapes(mesh), places)
-    nodes = cell_nodes(mesh, cells)
-    X = np.einsum("cqn,cni->cqi", values, nodes)
-    return X, np.einsum("tcqn,cni->cqit", slopes, nodes, optimize=True)
+    return _interpolated(coordinate_shapes(mesh), places, cell_nodes(mesh, cells))
+
+
+def _interpolated(
+    element: basix.ufl._ElementBase, places: Array, nodes: Array
+) -> tuple[Array, Array]:
+    """Values (n, points, d) and derivatives (n, points, d, t) at reference points of each cell
+    (n, points, t), from those at the nodes (n, nodes, d)."""
+    values, slopes = _tabulated(element, places)
+    return values @ nodes, np.moveaxis(slopes @ nodes, 0, 3)
 
 
 def _tabulated(element: basix.ufl._ElementBase, places: Array) -> tuple[Array, Array]:
@@ -103,9 +116,8 @@ def _tabulated(element: basix.ufl._ElementBase, places: Array) -> tuple[Array, A
     count, points, t = places.shape
     if not count:
         return np.zeros((0, points, element.dim)), np.zeros((t, 0, points, element.dim))
-    values, *slopes = element.tabulate(1, places.reshape(-1, t))
-    shape = count, points, element.dim
-    return values.reshape(shape), np.array(slopes).reshape(t, *shape)
+    found = element.tabulate(1, places.reshape(-1, t)).reshape(1 + t, count, points, element.dim)
+    return found[0], found[1:]
 
 
 def displacements_in_cells(
@@ -120,9 +132,33 @@ def displacements_in_cells(
     """
     space = u.function_space
     cell, degree = space.mesh.topology.cell_name(), space.ufl_element().degree
-    values, slopes = _tabulated(basix.ufl.element("Lagrange", cell, degree), places)
     at_nodes = u.x.array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list[cells]]
-    return values @ at_nodes, np.einsum("tcqn,cni->cqit", slopes, at_nodes)
+    return _interpolated(lagrange(cell, degree), places, at_nodes)
+
+
+def derivatives_in_cells(
+    u: fem.Function, cells: NDArray[np.int32], places: Array
+) -> tuple[Array, Array]:
+    """X and u with their first and second derivatives in the reference cell (kinds, n, points, d),
+    in the order of ``basix.index``, at reference points of each cell.
+
+    Args:
+        u: A displacement.
+        cells: Local cells (n,).
+        places: Positions in the reference cell (n, points, t).
+    """
+    space, (count, points, t) = u.function_space, places.shape
+    mesh, degree = space.mesh, space.ufl_element().degree
+    at_nodes = u.x.array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list[cells]]
+    found = []
+    for element, nodes in (
+        (coordinate_shapes(mesh), cell_nodes(mesh, cells)),
+        (lagrange(mesh.topology.cell_name(), degree), at_nodes),
+    ):
+        shape = (t + 1) * (t + 2) // 2, count, points, element.dim
+        table = element.tabulate(2, places.reshape(-1, t)) if count else np.zeros(shape)
+        found.append(table.reshape(shape) @ nodes)
+    return found[0], found[1]
 
 
 class FacetShapes(NamedTuple):
@@ -182,7 +218,7 @@ class ShapeGradients:
         )
         facet = basix.cell.subentity_types(cell)[d - 1][0]
         self.facet_points, self._facet_weights = basix.make_quadrature(facet, facet_degree(degree))
-        self._shape = basix.ufl.element("Lagrange", cell, degree)
+        self._shape = lagrange(mesh.topology.cell_name(), degree)
         self.nodes_of_cell = self._shape.dim
         self._hoop = isinstance(geometry, Axisymmetric)
         self._origins, self._edges = reference_facets(mesh)
@@ -204,7 +240,7 @@ class ShapeGradients:
         cell (cells, points, d)."""
         X, J = places_in_cells(self._mesh, cells, places)
         values, of_reference = _tabulated(self._shape, places)
-        gradients = np.einsum("tcqn,cqti->cqni", of_reference, np.linalg.inv(J), optimize=True)
+        gradients = np.moveaxis(of_reference, 0, 3) @ np.linalg.inv(J)
         if self._hoop:
             hoop = (values / X[..., :1])[..., None]
             gradients = np.concatenate([gradients, hoop], axis=3)

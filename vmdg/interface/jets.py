@@ -11,6 +11,7 @@ dofs w of the two cells at a facet, a bilinear form of jets j(eta).D.j(du) has t
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -106,17 +107,24 @@ class FacetJets:
             B[..., d * d, :, 0] = gradients[..., d]
         return B
 
+    @cached_property
+    def _columns(self) -> Array:
+        """Shape functions and their gradients by rows, of products of small matrices (nf, 2 sides,
+        points times 1 + slopes, nodes)."""
+        both = np.concatenate([self.values[..., None], self.gradients], axis=4)
+        count, points, sides, nodes, rows = both.shape
+        return both.transpose(0, 2, 1, 4, 3).reshape(count, sides, points * rows, nodes)
+
     def of_field(self, values: Array) -> tuple[Array, Array]:
         """A displacement on both sides (nf, points, 2, d) [mm], and its entries of GRAD (nf,
         points, 2, entries), at all facets, from its values at the nodes (nodes, d)."""
-        d, at_nodes = self._d, values[self._dofs[self._facets.cells]]
-        u = np.einsum("fpan,fani->fpai", self.values, at_nodes, optimize=True)
-        G = np.einsum("fani,fpanj->fpaij", at_nodes, self.gradients[..., :d], optimize=True)
-        G = G.reshape(*G.shape[:3], d * d)
+        d, (count, points, _, _, slopes) = self._d, self.gradients.shape
+        found = self._columns @ values[self._dofs[self._facets.cells]]
+        found = found.reshape(count, 2, points, 1 + slopes, d).swapaxes(1, 2)
+        G = found[..., 1 : 1 + d, :].swapaxes(3, 4).reshape(count, points, 2, d * d)
         if self._hoop:
-            around = np.einsum("fan,fpan->fpa", at_nodes[..., 0], self.gradients[..., d])
-            G = np.concatenate([G, around[..., None]], axis=3)
-        return u, G
+            G = np.concatenate([G, found[..., 1 + d :, 0]], axis=3)
+        return found[..., 0, :], G
 
     def forces(self, flux: Array) -> Array:
         """Sums of B^T.flux over the points of all facets, forces on the nodes of their cells (nf,
@@ -125,16 +133,15 @@ class FacetJets:
         Args:
             flux: Conjugate to jets (nf, points, jet).
         """
-        d, count = self._d, len(self.entries)
-        forces = self.side_forces(flux[:, :, None, :d] * np.array([[-1.0], [1.0]]))
-        forces = forces.reshape(len(forces), 2, self.nodes, d)
-        G = flux[:, :, d:].reshape(*flux.shape[:2], 2, count)
-        section = G[..., : d * d].reshape(*G.shape[:3], d, d)
-        slopes = self.gradients[..., :d]
-        forces += np.einsum("fpanj,fpaij->fani", slopes, section, optimize=True)
+        d, (count, points, _, _, slopes) = self._d, self.gradients.shape
+        G = flux[:, :, d:].reshape(count, points, 2, len(self.entries))
+        rows = np.zeros((count, points, 2, 1 + slopes, d))
+        rows[:, :, 0, 0], rows[:, :, 1, 0] = -flux[:, :, :d], flux[:, :, :d]
+        rows[..., 1 : 1 + d, :] = G[..., : d * d].reshape(count, points, 2, d, d).swapaxes(3, 4)
         if self._hoop:
-            forces[..., 0] += np.einsum("fpan,fpa->fan", self.gradients[..., d], G[..., d * d])
-        return forces.reshape(len(forces), 2 * self.nodes, d)
+            rows[..., 1 + d, 0] = G[..., d * d]
+        rows = rows.swapaxes(1, 2).reshape(count, 2, points * (1 + slopes), d)
+        return (self._columns.swapaxes(2, 3) @ rows).reshape(count, 2 * self.nodes, d)
 
     def side_forces(self, tractions: Array) -> Array:
         """Sums of tractions.eta over the points of all facets, tractions with dA on both sides (nf,

@@ -35,11 +35,12 @@ from ..domain.topology import box_sides
 from ..laws import Mode
 from .active import ActiveInterface
 from .coercivity import margin
-from .frame import TurningTangent, cross_matrix
+from .frame import TurningTangent
 from .history import InterfaceSnapshot, PointHistory, with_rows
 from .interface import AUTO, Interface
 from .pair_quadrature import PairQuadrature
 from .pairing import PairedFacets
+from .partners import PartnerTangent
 from .points import PointValues
 from .stabilization import GOOD_RATIO, BubbleIntegrals, Stabilization, Stabilizer
 
@@ -237,6 +238,10 @@ class MovingInterface(ActiveInterface):
     def _make_stabilizer(self) -> SurfaceStabilizer:
         return SurfaceStabilizer(self.interface, self.quadrature, self._u, self._bodies)
 
+    def _make_evaluators(self) -> None:
+        super()._make_evaluators()
+        self.__dict__.pop("_partners", None)
+
     # Pairs
 
     @property
@@ -366,104 +371,23 @@ class MovingInterface(ActiveInterface):
     def tangent(
         self, damage: bool = True
     ) -> tuple[Array, Array, Array | None, TurningTangent | None]:
-        """As in the base class, with the change of the partners, see :meth:`_add_partners`."""
+        """As in the base class, with the change of the partners, see :mod:`.partners`."""
         D, traction, C, turning = super().tangent(damage)
         self._add_partners(D, traction, C)
         return D, traction, C, turning
 
     def _add_partners(self, D: Array, traction: Array, C: Array | None) -> None:
-        """Add to D dA what the motion of the pairs changes.
+        """Add to D dA what the motion of the pairs changes."""
+        q, d = self.quadrature, self.quadrature.d
+        gradient = q.field(self._u)[1][:, :, 0, : d * d]
+        maps, known = self._return_map, (self.stabilization, self.values)
+        frame, terms = maps.frame(gradient.reshape(-1, d, d)), self.terms(*known)
+        state = self.stabilization, frame, self.values.traction, terms, maps.flux(1)
+        self._partners.add_to(D, traction, C, *state)
 
-        Where side 2 moves by g relative to side 1, segments change, and their points of side 1 move
-        by y, of :class:`.Shifts`, linear in the jet. With the current normals n of side 1 and m of
-        side 2, a partner stays on the normal of its point where it moves by -Pi.h relative to its
-        body, with h = g - y and Pi = I - n (x) m / (m.n). Then
-
-        * the distance changes by n m.h/(m.n) instead of g, but not what slides, which is counted
-          by pairs: n (m / (m.n) - n).h is added to the opening,
-        * the fluxes are those of other points: with dX_1 = F_1^-1.y and dX_2 = -F_2^-1.Pi.h the
-          mean flux changes by +-delta_a.(A : dF_a/dX.dX_a).N_a, of bodies at points with their
-          stress as it is extrapolated in the place of A : dF_a,
-        * M_2 changes with dS_2/dS_1, by tr L_1 - n.L_1.(2 n - m) - tr L_2 + m.L_2.n relative to it,
-          L_a = GRAD w_a.F_a^-1 and m.n = 1, and with it the flux and the adjoint term of side 2,
-        * forces act at other points: T.(GRAD eta_2.dX_2 - GRAD eta_1.dX_1),
-        * dA changes, and with it the terms q of (27),
-        * zeta of the couple does not grow by the slip.
-
-        Points of a bond keep their partners.
-        """
-        q, d, values = self.quadrature, self.quadrature.d, self.values
-        one, areas, jets = np.eye(d), self.point_tangent.areas, self.point_tangent.jets
-        gradients = q.field(self._u)[1][..., : d * d]
-        inverses = [np.linalg.inv(one + gradients[:, :, a].reshape(-1, d, d)) for a in range(2)]
-        R, W = self._return_map.frame(gradients[:, :, 0].reshape(-1, d, d))
-        n = np.einsum("pij,pj->pi", R, q.normal)
-        m = np.einsum("pji,pj->pi", inverses[1], q.outward[1])
-        m /= np.einsum("pi,pi->p", m, n)[:, None]
-        starts = [d + a * len(jets.entries) for a in range(2)]
-        # y and the change of dA by jets: h.v = (GRAD w_2.F_2^-1.Pi - GRAD w_1.F_1^-1).v.
-        shifts, count = q.shifts(), len(n)
-        y, grown = np.zeros((count, d, jets.size)), np.zeros((count, jets.size))
-        y[:, :, :d], grown[:, :d] = shifts.place, shifts.area
-        across = inverses[1] @ (one - n[:, :, None] * m[:, None, :])
-        for start, sign, way in zip(starts, (-1, 1), (inverses[0], across), strict=True):
-            part = sign * np.einsum("pijk,plk->pijl", shifts.place_slope, way)
-            y[:, :, start : start + d * d] = part.reshape(count, d, d * d)
-            part = sign * np.einsum("pjk,plk->pjl", shifts.area_slope, way)
-            grown[:, start : start + d * d] = part.reshape(count, d * d)
-        free = q.facet >= self.facets.bonded
-        h = -y
-        h[:, :, :d] += one * free[:, None, None]
-        nearer = np.einsum("pj,pjk->pk", m, h)[:, None]
-        E = n[:, :, None] * (nearer - np.einsum("pj,pjk->pk", n, h)[:, None])
-        if C is not None:
-            E = E - self.stabilization.norm[q.facet, None, None] * (C @ E)
-        D += traction.swapaxes(1, 2) @ E
-        T = areas[:, None] * values.traction
-        for a, (sign, way) in enumerate(((1, y), (-1, n[:, :, None] * nearer - h))):
-            moved = inverses[a] @ way
-            slopes = self._traction_slopes(a)
-            if slopes is not None:
-                weights = sign * self.stabilization.weights[q.facet, a]
-                B = weights @ slopes @ moved
-                D[:, :d] += areas[:, None, None] * B
-                if C is not None:
-                    D -= traction.swapaxes(1, 2) @ (C @ B)
-            forces = T[:, :, None, None] * moved[:, None]
-            D[:, starts[a] : starts[a] + d * d] -= sign * forces.reshape(count, d * d, jets.size)
-        terms = areas[:, None] * self.terms(self.stabilization, values)
-        D += terms[:, :, None] * grown[:, None]
-        ratio = np.zeros((count, jets.size))
-        parts = (one - n[:, :, None] * (2 * n - m)[:, None], m[:, :, None] * n[:, None] - one)
-        for start, part, inverse in zip(starts, parts, inverses, strict=True):
-            ratio[:, start : start + d * d] = (part @ inverse.swapaxes(1, 2)).reshape(count, d * d)
-        ratio *= free[:, None]
-        flux = self._return_map.flux(1)[:, :, None] * ratio[:, None]
-        flux = self.stabilization.weights[q.facet, 1] @ flux
-        D[:, :d] -= areas[:, None, None] * flux
-        if C is not None:
-            D += traction.swapaxes(1, 2) @ (C @ flux)
-        D[:, starts[1] :] += terms[:, starts[1] :, None] * ratio[:, None]
-        along = np.einsum("pji,pjk->pik", R, one - n[:, :, None] * n[:, None, :])
-        local = np.einsum("pji,pj->pi", R, T * free[:, None])
-        for k in range(d):
-            couple = np.einsum("pmk,pm->pk", cross_matrix(along[:, :, k]), local)
-            D[:, d : d + d * d, k] += np.einsum("pk,pkab->pab", couple, W).reshape(-1, d * d)
-
-    def _traction_slopes(self, a: int) -> Array | None:
-        """How P.N of side ``a`` changes with X along its facet (nq, d, d) [MPa/mm]; None where it
-        is constant."""
-        q, d, points = self.quadrature, self.quadrature.d, self._bodies.points
-        slopes = q.slopes(self._u, a)
-        if slopes is None:
-            return None
-        found, cells = self.point_tangent.moduli[a] @ slopes, self.facets.cells[q.facet, a]
-        if points is not None and (rows := np.flatnonzero(points.has(cells))).size:
-            degree = self._u.function_space.ufl_element().degree
-            places = q.places(degree)[a].reshape(-1, d)[rows]
-            stress = points.stress_slopes(cells[rows], places)[:, :d, :d]
-            found[rows] = np.einsum("pijk,pj->pik", stress, q.outward[a][rows])
-        return found
+    @cached_property
+    def _partners(self) -> PartnerTangent:
+        return PartnerTangent(self.quadrature, self._u, self._bodies, self.point_tangent)
 
     # Steps
 

@@ -27,14 +27,13 @@ from ..domain.shapes import (
     GeometryMap,
     ShapeGradients,
     determinants,
-    displacements_in_cells,
-    places_in_cells,
     reference_facets,
 )
 from ..forms import kinematics
 from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import CARTESIAN, GeneralizedPlane, Geometry
 from ..forms.kinematics import Body
+from .facet_places import FacetPlaces, FacetPolynomials
 from .jets import FacetJets
 from .pairing import PairedFacets
 from .quadrature import (
@@ -44,7 +43,6 @@ from .quadrature import (
     SideExpression,
     bubble_values,
 )
-from .segments import Segments
 
 Array = NDArray[np.float64]
 
@@ -55,15 +53,8 @@ _KINDS = {
     4: basix.CellType.quadrilateral,
 }
 
-#: Newton's method that finds a place on a facet: largest number of iterations, and the correction
-#: relative to the facet at which it ends.
-_MOST, _FOUND = 20, 1e-13
-
 #: Room for points of surfaces that slide, relative to their number, and least number.
 _ROOM, _FEW = 2.0, 64
-
-#: Distance in a reference cell for differences along a facet.
-_SHIFT = 1e-4
 
 #: Fields of a body at points that facets need.
 _FACET_FIELDS = "facet_stress", "facet_moduli", "facet_stretch"
@@ -72,29 +63,15 @@ _FACET_FIELDS = "facet_stress", "facet_moduli", "facet_stretch"
 _NO_GAP = 1e-10
 
 
-class FacetPlaces(NamedTuple):
-    """Places of the points on one of the two facets of their segment.
-
-    Attributes:
-        reference: Positions in the reference cell (ns, points, d).
-        positions: X (ns, points, d) [mm].
-        normals: Unit normal, outward (ns, points, d).
-        stretch: Area per area in the plane of the segment (ns, points).
-    """
-
-    reference: Array
-    positions: Array
-    normals: Array
-    stretch: Array
-
-
 class Shifts(NamedTuple):
-    """How points of side 1 move within their facets where side 2 moves by g + h.v relative to side
-    1, v from the point.
+    """How points of side 1 move within the planes of their segments where side 2 moves by g + h.v
+    relative to side 1, v from the point, by components in the plane.
 
     Attributes:
-        place, place_slope: Change of the place by g (nq, d, d), and by h (nq, d, d, d).
-        area, area_slope: Change of dA, relative to it, by g (nq, d), and by h (nq, d, d).
+        place, place_slope: Change of the place by g (nq, d - 1, d - 1), and by h (nq, d - 1, d - 1,
+            d - 1).
+        area, area_slope: Change of dA, relative to it, by g (nq, d - 1), and by h (nq, d - 1,
+            d - 1).
     """
 
     place: Array
@@ -131,6 +108,9 @@ class PairQuadrature(InterfaceQuadrature):
         rule, self._rule = basix.make_quadrature(kind, degree)
         self._corners, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, rule)
         self._slopes = np.array(slopes)
+        # Products of two displacements are integrated exactly.
+        given = len(rule), (degree + 1) // 2
+        self._polynomials = [FacetPolynomials(mesh, side, *given) for side in facets.surfaces.sides]
         self.leads = facets.slides
         self._room = -1
         self.take(facets)
@@ -191,34 +171,38 @@ class PairQuadrature(InterfaceQuadrature):
         return full
 
     def shifts(self) -> Shifts:
-        """How points move with side 2, in the planes of their segments; not with a bond."""
-        segments, order = self.facets.segments, self._order
+        """How points move with side 2; not with a bond."""
+        segments, order, t = self.facets.segments, self._order, self.d - 1
         corners, follows = segments.corners[:, order], segments.follows[:, order]
+        follows[: self.facets.bonded] = 0.0
+        places = self._corners @ corners
         edges = np.einsum("tqc,sck->sqkt", self._slopes, corners)
         slopes = np.einsum("tqc,sqtk->sqck", self._slopes, np.linalg.inv(edges))
-        away = (corners[:, None] - (self._corners @ corners)[:, :, None]) @ segments.axes[:, None]
-        moved = np.einsum("ske,sckl,sld->sced", segments.axes, follows, segments.axes)
-        moved[: self.facets.bonded] = 0.0
-        grown = np.einsum("sqck,ske,sced->sqcd", slopes, segments.axes, moved, optimize=True)
-        found = (
-            np.einsum("qc,sced->sqed", self._corners, moved),
-            np.einsum("qc,sced,sqcf->sqedf", self._corners, moved, away, optimize=True),
-            grown.sum(axis=2),
-            np.einsum("sqcd,sqcf->sqdf", grown, away),
-        )
+        # Sums over the corners of what follows, and of its products with their places.
+        flat = follows.reshape(*follows.shape[:2], t * t)
+        both = flat[..., None] * corners[:, :, None]
+        shape = *places.shape[:2], t, t
+        place = (self._corners @ flat).reshape(shape)
+        product = self._corners @ both.reshape(*flat.shape[:2], t**3)
+        place_slope = product.reshape(*shape, t) - place[..., None] * places[:, :, None, None]
+        grown = np.einsum("sqck,sckl->sqlc", slopes, follows, optimize=True)
+        area = grown.sum(axis=3)
+        area_slope = grown @ corners[:, None] - area[..., None] * places[:, :, None]
+        found = place, place_slope, area, area_slope
         return Shifts(*(array.reshape(-1, *array.shape[2:]) for array in found))
 
     def _places_of(
         self, facets: PairedFacets, plane: Array, a: int, u: fem.Function | None
     ) -> FacetPlaces:
         """Places on side ``a`` of all points, of leading pairs in the reference configuration."""
-        parts, whole = [], (facets.cells[:, a], facets.local[:, a])
+        polynomials, segments = self._polynomials[a], facets.segments
+        whole = (segments.first, segments.second)[a]
         if not facets.bonded:
-            return _on_facets(self.mesh, *whole, facets.segments, plane, u)
+            return polynomials.places(whole, segments, plane, u)
+        parts = []
         for rows, given in ((slice(0, facets.bonded), None), (slice(facets.bonded, None), u)):
-            where = facets.segments.rows(rows)
-            side = (array[rows] for array in whole)
-            parts.append(_on_facets(self.mesh, *side, where, plane[rows], given))
+            where = segments.rows(rows)
+            parts.append(polynomials.places(whole[rows], where, plane[rows], given))
         return FacetPlaces(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
@@ -261,28 +245,6 @@ class PairQuadrature(InterfaceQuadrature):
             found = self.jets(u.function_space).of_field(u.x.array.reshape(-1, self.d))
             self._last = u.x.array.copy(), found
         return self._last[1]
-
-    def slopes(self, u: fem.Function, a: int) -> Array | None:
-        """How the entries of GRAD u on side ``a`` change with X along its facet (nq, entries, d)
-        [1/mm]; None for constant gradients."""
-        space, side = u.function_space, self.facets.cells[:, a]
-        degree, d = space.ufl_element().degree, self.d
-        if degree == 1 and self.mesh.topology.cell_name() in ("triangle", "tetrahedron"):
-            return None
-        _, edges = (array[self.facets.local[:, a]] for array in reference_facets(self.mesh))
-        shapes, places = ShapeGradients(self.mesh, self.geometry, degree), self._places[a]
-        at_nodes = u.x.array.reshape(-1, d)[space.dofmap.list[side]]
-        jets = self.jets(space)
-        found = []
-        for k in range(d - 1):
-            shift = _SHIFT * edges[:, None, k]
-            ahead, behind = (shapes.in_places(side, places + way)[1] for way in (shift, -shift))
-            B = jets.gradient_entries((ahead - behind) / (2 * _SHIFT))
-            found.append(np.einsum("sqenk,snk->sqe", B, at_nodes, optimize=True))
-        _, J = places_in_cells(self.mesh, side, places)
-        along = np.linalg.pinv(J @ edges.transpose(0, 2, 1)[:, None])
-        slopes = np.stack(found, axis=3) @ along
-        return slopes.reshape(-1, *slopes.shape[2:])
 
     def side_evaluators(
         self,
@@ -445,52 +407,6 @@ def _last_entry(geometry: Geometry, cells: NDArray[np.int32]) -> Array | float:
         return theta.x.array[theta.function_space.dofmap.list[cells, 0]]
     assert isinstance(geometry, GeneralizedPlane)
     return 1.0 + float(geometry.axial.value)
-
-
-def _on_facets(
-    mesh: Mesh,
-    cells: NDArray[np.int32],
-    local: NDArray[np.int32],
-    segments: Segments,
-    plane: Array,
-    u: fem.Function | None = None,
-) -> FacetPlaces:
-    """Places on facets whose projections into the plane of each segment are given.
-
-    Args:
-        mesh: The mesh.
-        cells: Cells of the facets (ns,).
-        local: Their numbers in them (ns,).
-        segments: Of the pairs.
-        plane: Coordinates in the planes (ns, points, d - 1) [mm].
-        u: Displacement in whose configuration the planes are; None for the reference configuration.
-    """
-    origins, edges = (array[local] for array in reference_facets(mesh))
-    axes, centres = segments.axes, segments.origins
-    d = edges.shape[2]
-    # In the reference facet, from the middle of a triangle, or of a quadrilateral or an interval.
-    triangle = mesh.topology.cell_name() == "tetrahedron"
-    eta = np.full(plane.shape, 1 / 3 if triangle else 0.5)
-    for _ in range(_MOST):
-        reference = origins[:, None] + eta @ edges
-        X, J = places_in_cells(mesh, cells, reference)
-        tangents = J @ edges.transpose(0, 2, 1)[:, None]
-        x, along = X, tangents
-        if u is not None:
-            moved, slopes = displacements_in_cells(u, cells, reference)
-            x, along = X + moved, tangents + slopes @ edges.transpose(0, 2, 1)[:, None]
-        along = axes[:, None] @ along
-        away = plane - np.einsum("skd,sqd->sqk", axes, x - centres[:, None])
-        change = np.linalg.solve(along, away[..., None])[..., 0]
-        if np.abs(change).max(initial=0.0) < _FOUND:
-            break
-        eta = eta + change
-    metric = tangents.transpose(0, 1, 3, 2) @ tangents
-    stretch = np.sqrt(determinants(metric)) / np.abs(determinants(along))
-    outward = basix.cell.facet_outward_normals(mesh.basix_cell())[local]
-    normals = np.einsum("sqji,sj->sqi", np.linalg.inv(J), outward)
-    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    return FacetPlaces(reference, X, normals.reshape(*plane.shape[:2], d), stretch)
 
 
 def _bubble_factors(

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from .. import compat
 from ..base.parallel import global_any, global_box, global_max, global_sum, raise_together
-from ..domain.shapes import displacements_in_cells
 from ..domain.tags import group_tag
 from ..domain.topology import (
     UNTAGGED,
@@ -39,7 +38,7 @@ from ..forms.geometry import CARTESIAN, Geometry
 from ..laws import Law
 from .facets import InterfaceFacets, facet_properties, find_facets
 from .interface import KEEP, Interface
-from .segments import FAR_REACH, REACH, FlatFacets, Segments, cut, near_pairs, passed
+from .segments import FAR_REACH, REACH, FlatFacets, Segments, cut, passed, soon_paired
 
 #: Least share of the smaller surface that must lie opposite the other one.
 _LEAST_SHARE = 0.01
@@ -193,7 +192,7 @@ class Surfaces:
 
     def near(self, u: fem.Function) -> NDArray[np.intp]:
         """Rows of the two surfaces whose facets are or may soon be paired (n, 2)."""
-        return np.column_stack(near_pairs(*self.flat(u), self.reach))
+        return np.column_stack(soon_paired(*self.flat(u), self.reach))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -478,8 +477,9 @@ def _flat_facets(mesh: Mesh, surface: Surface, u: fem.Function | None) -> FlatFa
     count = len(basix.topology(cell)[0])
     x = mesh.geometry.x[compat.geometry_dofmap(mesh)[surface.cells][:, :count], :d]
     if u is not None:
-        at = np.broadcast_to(basix.geometry(cell), (len(x), count, d))
-        x = x + displacements_in_cells(u, surface.cells, at)[0]
+        # The first nodes of a cell are its corners.
+        nodes = u.function_space.dofmap.list[surface.cells, :count]
+        x = x + u.x.array.reshape(-1, d)[nodes]
     on_facet = np.take_along_axis(x, corners[surface.local][..., None], axis=1)
     return FlatFacets.of(on_facet, x.mean(axis=1))
 

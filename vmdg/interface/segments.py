@@ -10,11 +10,18 @@ across their kinks.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
+
+from mpi4py import MPI
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+
+from ..base.kernels import call, compile_source
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
@@ -39,6 +46,16 @@ _ALONG = 1e-9
 
 #: Share of a facet that need not be covered before others behind are left out.
 _COVERED = 1e-9
+
+
+#: By how much facets are larger that may soon be paired, relative to their size.
+_SOON = 0.25
+
+#: Number of pairs of polygons, and the arrays of segments.c.
+_DECLARATIONS = f"""
+void clipped(long{", void *" * 5});
+void pieces(long{", void *" * 4});
+"""
 
 
 class FlatFacets(NamedTuple):
@@ -80,6 +97,11 @@ class FlatFacets(NamedTuple):
     def centres(self) -> Array:
         """Means of the corners (n, d) [mm]."""
         return self.corners.mean(axis=1)
+
+    def grown(self, factor: float) -> FlatFacets:
+        """Facets that are larger by a factor, about their centres."""
+        centres = self.centres[:, None]
+        return self._replace(corners=centres + factor * (self.corners - centres))
 
     @property
     def radii(self) -> Array:
@@ -147,8 +169,7 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     i, j = near_pairs(first, second, reach)
     d = first.corners.shape[2]
     axes, centres = plane_axes(first), first.centres
-    one = _projected(first.corners[i], centres[i], axes[i])
-    two = _projected(second.corners[j], centres[i], axes[i])
+    one, two = _both_projected(first, second, i, j)
     pair, corners = (_intervals if d == 2 else _polygons)(one, two)
     i, j = i[pair], j[pair]
     follows = _followed(corners, one[pair], two[pair])
@@ -169,6 +190,16 @@ def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments
     # shaft is about to leave its hole, the ends of both are no pair.
     covered = np.bincount(found.first, found.measures, minlength=len(first.corners))
     return found.rows(-away <= covered[found.first] ** (1 / (d - 1)))
+
+
+def soon_paired(first: FlatFacets, second: FlatFacets, reach: float) -> tuple[Numbers, Numbers]:
+    """Pairs of facets that are or, after a short way, may be in :func:`cut`: those that overlap if
+    they are larger by a fraction :data:`_SOON`, by facets of the first surface."""
+    one, two = (side.grown(1 + _SOON) for side in (first, second))
+    i, j = near_pairs(one, two, reach)
+    both = _both_projected(one, two, i, j)
+    meet = np.unique((_intervals if first.corners.shape[2] == 2 else _polygons)(*both)[0])
+    return i[meet], j[meet]
 
 
 def _limits(
@@ -238,6 +269,15 @@ def _projected(points: Array, origins: Array, axes: Array) -> Array:
     return np.einsum("nkd,ncd->nck", axes, points - origins[:, None])
 
 
+def _both_projected(
+    first: FlatFacets, second: FlatFacets, i: Numbers, j: Numbers
+) -> tuple[Array, Array]:
+    """Facets ``i`` of one surface and ``j`` of another in the planes of the former
+    (n, c, d - 1)."""
+    axes, centres = plane_axes(first)[i], first.centres[i]
+    return _projected(first.corners[i], centres, axes), _projected(second.corners[j], centres, axes)
+
+
 def _measures(corners: Array) -> Array:
     """Lengths of intervals (n, 2, 1), areas of polygons (n, c, 2), positive counterclockwise."""
     if corners.shape[2] == 1:
@@ -248,27 +288,30 @@ def _measures(corners: Array) -> Array:
 
 def near_pairs(first: FlatFacets, second: FlatFacets, reach: float) -> tuple[Numbers, Numbers]:
     """Pairs of facets with opposite normals whose spheres are no farther apart than the radius of
-    the larger one times ``reach``."""
+    the larger one times ``reach``, and meet in the plane of the first."""
     if not len(first.corners) or not len(second.corners):
         return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     one, two = first.radii, second.radii
-    most = one + two.max() + reach * np.maximum(one, two.max())
-    i, j = _opposite(first, second, most)
-    apart = np.linalg.norm(first.centres[i] - second.centres[j], axis=1)
-    meet = apart <= one[i] + two[j] + reach * np.maximum(one[i], two[j])
+    largest = max(one.max(), two.max())
+    i, j = _opposite(first, second, one.max() + two.max() + reach * largest)
+    way, both = second.centres[j] - first.centres[i], one[i] + two[j]
+    apart = np.einsum("pd,pd->p", way, way)
+    along = np.einsum("pd,pd->p", way, first.normals[i])
+    meet = apart <= (both + reach * np.maximum(one[i], two[j])) ** 2
+    meet &= apart - along**2 <= both**2
     return i[meet], j[meet]
 
 
-def _opposite(
-    first: FlatFacets, second: FlatFacets, most: Array | float
-) -> tuple[Numbers, Numbers]:
+def _opposite(first: FlatFacets, second: FlatFacets, most: float) -> tuple[Numbers, Numbers]:
     """Pairs of facets with opposite normals whose centres are no farther apart than ``most``, by
     facets of the first surface."""
-    near = scipy.spatial.cKDTree(second.centres).query_ball_point(first.centres, most)
-    i = np.repeat(np.arange(len(near)), [len(found) for found in near])
-    j = np.concatenate(near).astype(np.intp)
+    trees = [scipy.spatial.cKDTree(side.centres) for side in (first, second)]
+    near = trees[0].sparse_distance_matrix(trees[1], most, output_type="ndarray")
+    i, j = near["i"], near["j"]
     keep = np.einsum("pd,pd->p", first.normals[i], second.normals[j]) < -_OPPOSITE
-    return i[keep], j[keep]
+    i, j = i[keep], j[keep]
+    order = np.lexsort((j, i))
+    return i[order], j[order]
 
 
 def _intervals(one: Array, two: Array) -> tuple[Numbers, Array]:
@@ -287,29 +330,14 @@ def _polygons(one: Array, two: Array) -> tuple[Numbers, Array]:
     So a polygon that is nearly one of these is integrated nearly like it, as where facets that lie
     on each other begin to slide: a fan of triangles would integrate by another rule.
     """
-    size = one.shape[1]
+    count, size = len(one), max(one.shape[1], two.shape[1])
+    # With a repeated corner a triangle is a quadrilateral.
+    one, two = (p[:, np.minimum(np.arange(size), p.shape[1] - 1)] for p in (one, two))
     polygons, counts = clipped(_counterclockwise(one), _counterclockwise(two))
-    pairs, corners = [], []
-    while len(rows := np.flatnonzero(counts > size)):
-        rest, number = polygons[rows], counts[rows, None]
-        slots = np.arange(rest.shape[1])
-        before = np.where(slots > 0, slots - 1, number - 1)
-        after = np.where(slots + 1 < number, slots + 1, 0)
-        sides = [np.take_along_axis(rest, k[..., None], axis=1) - rest for k in (after, before)]
-        cut_off = np.abs(sides[0][..., 0] * sides[1][..., 1] - sides[0][..., 1] * sides[1][..., 0])
-        k = np.where(slots < number, cut_off, np.inf).argmin(axis=1)[:, None]
-        near = [np.take_along_axis(where, k, axis=1) for where in (before, after)]
-        corner = np.column_stack([near[0], k, *[near[1]] * (size - 2)])
-        pairs.append(rows)
-        corners.append(np.take_along_axis(rest, corner[..., None], axis=1))
-        kept, counts[rows] = _compacted(rest, (slots < number) & (slots != k))
-        polygons[rows, : kept.shape[1]] = kept
-    rows = np.flatnonzero(counts > 2)
-    corner = np.minimum(np.arange(size), counts[rows, None] - 1)
-    pairs.append(rows)
-    corners.append(np.take_along_axis(polygons[rows], corner[..., None], axis=1))
-    order = np.argsort(np.concatenate(pairs), kind="stable")
-    return np.concatenate(pairs)[order], np.concatenate(corners)[order]
+    most = polygons.shape[1] - size + 1
+    found, numbers = np.empty((count, most, size, 2)), np.empty(count, dtype=np.int64)
+    call(_module(size), "pieces", polygons, counts, found, numbers)
+    return np.repeat(np.arange(count), numbers), found[np.arange(most) < numbers[:, None]]
 
 
 def _followed(corners: Array, one: Array, two: Array) -> Array:
@@ -353,48 +381,25 @@ def _counterclockwise(polygons: Array) -> Array:
     return np.where(clockwise[:, None, None], polygons[:, ::-1], polygons)
 
 
-def clipped(window: Array, polygons: Array) -> tuple[Array, Numbers]:
+def clipped(window: Array, polygons: Array) -> tuple[Array, NDArray[np.int64]]:
     """Intersections of convex polygons, by Sutherland and Hodgman.
 
     Args:
         window: Counterclockwise polygons (n, c, 2).
-        polygons: Others (n, k, 2).
+        polygons: Others (n, c, 2).
 
     Returns:
-        Corners of the intersections (n, most corners, 2), and their numbers (n,), possibly zero;
-        corners beyond these are meaningless.
+        Corners of the intersections (n, 5 c, 2), and their numbers (n,), possibly zero; corners
+        beyond these are meaningless.
     """
-    counts = np.full(len(polygons), polygons.shape[1])
-    for a in range(window.shape[1]):
-        start, edge = window[:, a], np.roll(window, -1, axis=1)[:, a] - window[:, a]
-        slots = np.arange(polygons.shape[1])
-        exists = slots < counts[:, None]
-        following = np.where(slots + 1 < counts[:, None], slots + 1, 0)
-        ends = np.take_along_axis(polygons, following[..., None], axis=1)
-
-        def inside(points: Array, start: Array = start, edge: Array = edge) -> Array:
-            x, y = np.moveaxis(points - start[:, None], 2, 0)
-            return edge[:, :1] * y - edge[:, 1:] * x
-
-        here, there = inside(polygons), inside(ends)
-        crosses = exists & ((here >= 0) != (there >= 0))
-        share = here / np.where(crosses, here - there, 1.0)
-        # Each side gives its start, if that is inside, and where it crosses the edge.
-        points = np.stack([polygons, polygons + share[..., None] * (ends - polygons)], axis=2)
-        kept = np.stack([exists & (here >= 0), crosses], axis=2).reshape(
-            len(polygons), 2 * len(slots)
-        )
-        polygons, counts = _compacted(points.reshape(*kept.shape, 2), kept)
-    slots = np.arange(polygons.shape[1])
-    following = np.where(slots + 1 < counts[:, None], slots + 1, 0)
-    away = np.abs(np.take_along_axis(polygons, following[..., None], axis=1) - polygons)
-    size = np.abs(window).max(axis=(1, 2), initial=0.0)[:, None]
-    differ = away.max(axis=2, initial=0.0) > _SAME * size
-    return _compacted(polygons, differ & (slots < counts[:, None]))
+    count, size = window.shape[:2]
+    corners, counts = np.empty((count, 5 * size, 2)), np.empty(count, dtype=np.int64)
+    call(_module(size), "clipped", window, polygons, np.array([_SAME]), corners, counts)
+    return corners, counts
 
 
-def _compacted(points: Array, kept: NDArray[np.bool_]) -> tuple[Array, Numbers]:
-    """The kept points (n, k, 2) of every row first, in their order, and their numbers (n,)."""
-    counts = kept.sum(axis=1)
-    order = np.argsort(~kept, axis=1, kind="stable")[:, : counts.max(initial=0)]
-    return np.take_along_axis(points, order[..., None], axis=1), counts
+@cache
+def _module(corners: int) -> ModuleType:
+    """segments.c for polygons of so many corners, without ranks that wait for each other."""
+    source = Path(__file__).with_suffix(".c")
+    return compile_source(source, _DECLARATIONS, {"CORNERS": corners}, MPI.COMM_SELF, "segments")

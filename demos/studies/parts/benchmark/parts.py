@@ -83,8 +83,9 @@ def plastic_part(coarse: bool, repeats: int) -> Outcome:
 def separate_part(coarse: bool, repeats: int) -> Outcome:
     """Newton iterations of bodies that are meshed separately against those of one mesh."""
     cases = [
-        (cell, law, 4 if coarse else n, repeats)
-        for cell, n in separate.SIZES.items()
+        (cell, law, n, repeats)
+        for cell, sizes in separate.SIZES.items()
+        for n in ((4,) if coarse else sizes)
         for law in separate.LAWS
     ]
     costs = [separate.measure(*case) for case in progress(cases, "case")]
