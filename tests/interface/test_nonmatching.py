@@ -606,6 +606,23 @@ def test_refused_places():
         with_interface(apart(far))
 
 
+@pytest.mark.parametrize("what", ["traction", "pressure", "spring"])
+def test_loads_opposite_another_body(what):
+    """A load on facets of pairs would change the traction of the interface: where pairs stay it is
+    refused, where they move there is a warning; other facets may be loaded."""
+    scene = stack("quadrilateral", 2, 3)
+    joined, free = (scene.facet_tags.find(tag) for tag in (12, 22))
+    value = {"traction": (0.0, 1.0), "pressure": 1.0, "spring": 1.0}[what]
+    problem = with_interface(scene, {"law": vmdg.Bonded()})
+    getattr(problem, what)(free, value)
+    with pytest.raises(ValueError, match=f"{what}: facet .* opposite the other side"):
+        getattr(problem, what)(joined, value)
+    problem = with_interface(scene, {"law": vmdg.Contact(), "sliding": True})
+    getattr(problem, what)(free, value)
+    with pytest.warns(vmdg.ModelWarning, match=f"{what}: a facet lies opposite"):
+        getattr(problem, what)(joined, value)
+
+
 @SEVERAL_RANKS
 @pytest.mark.parametrize("by", ["tags", "surfaces"])
 def test_ghosts_are_needed(comm, by):

@@ -26,7 +26,7 @@ from ..assembly.rigid import RigidFaces
 from ..assembly.surface import Share
 from ..assembly.values import Part, Value, check_resultant, not_finite, takes_points, value_at
 from ..base.agreement import together
-from ..base.parallel import global_any, global_sum, raise_together
+from ..base.parallel import global_any, global_sum, raise_together, warn_together
 from ..base.tables import rounded
 from ..domain.geometry import axis_dofs
 from ..domain.tags import Group, group_tag
@@ -418,7 +418,7 @@ class Loading:
         """Facets of the boundary.
 
         Raises:
-            ValueError: one lies inside the mesh.
+            ValueError: one lies inside the mesh, or opposite a body to which it is joined.
         """
         facets = find_boundary_facets(self._mesh, where, what)
         remedy = {
@@ -430,7 +430,30 @@ class Loading:
             reason += f", {remedy[what]}"
         inside = (facet_cells(self._mesh) >= 0).all(axis=1)
         refuse_facets(self._mesh, facets, inside, what, reason)
+        self._check_opposite(facets, what)
         return facets
+
+    def _check_opposite(self, facets: NDArray[np.int32], what: str) -> None:
+        """Check for facets opposite another body, whose contact would take the load, a part of P.N
+        there, for its own traction; collective.
+
+        Raises:
+            ValueError: they are joined to it for good.
+        """
+        for other in self._activation.facets:
+            if not other.paired:
+                continue
+            joined = np.zeros(len(facet_cells(self._mesh)), dtype=bool)
+            joined[other.everywhere] = True
+            where = f"lies opposite the other side of {other.label}, whose traction it would change"
+            if not other.slides:
+                refuse_facets(self._mesh, facets, joined, what, f"{where}; leave it out")
+            elif global_any(self._mesh.comm, joined[facets].any()):
+                warn_together(
+                    self._mesh.comm,
+                    f"{what}: a facet {where} wherever they touch; leave out facets that come into "
+                    "contact",
+                )
 
     def add_body_force(self, value: Value | Expr, tag: Group | None) -> None:
         """See :meth:`vmdg.Problem.body_force`."""
