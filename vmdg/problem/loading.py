@@ -430,7 +430,8 @@ class Loading:
             reason += f", {remedy[what]}"
         inside = (facet_cells(self._mesh) >= 0).all(axis=1)
         refuse_facets(self._mesh, facets, inside, what, reason)
-        self._check_opposite(facets, what)
+        if what != "rigid_face":
+            self._check_opposite(facets, what)
         return facets
 
     def _check_opposite(self, facets: NDArray[np.int32], what: str) -> None:
