@@ -268,7 +268,7 @@ class _Newton:
             iterate.limits = limits.ending_at_onset()
             change, self._ends_at_target = iterate.limits.change(now, *rates)
         change = max(change, parameter.least - now.t)
-        if self._norms:
+        if self._norms and self._norms[-1] > 0:
             # It changes little from one correction to the next.
             self._system.multiplier = abs(change) / self._norms[-1]
         return zero.plus(one, change)
