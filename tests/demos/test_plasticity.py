@@ -147,4 +147,4 @@ def test_theory_of_peeling():
 def test_unknown_case():
     """Names what there is."""
     with pytest.raises(ValueError, match="necking, notched, cook, shells"):
-        plasticity.main(case="peel")
+        plasticity.main(case="bending")
