@@ -84,21 +84,6 @@ def facet_submesh(mesh: Mesh, facets: NDArray[np.int32]) -> FacetSubmesh:
     return FacetSubmesh(submesh, np.asarray(entity_map), {submesh: inverse})
 
 
-def form(integrand: ufl.Form, submeshes: list[FacetSubmesh], jit_options: dict) -> fem.Form:
-    """Compile ``integrand`` whose arguments or coefficients live on the given submeshes too."""
-    entity_maps: Any
-    if _NEW:
-        entity_maps = [submesh.entity_map for submesh in submeshes]
-    else:
-        entity_maps = {}
-        for submesh in submeshes:
-            entity_maps |= submesh.entity_map
-    compiled = fem.form(integrand, jit_options=jit_options, entity_maps=entity_maps)
-    # fem.form leaves a reference cycle, which keeps the meshes and their communicators alive.
-    entity_maps.clear()
-    return compiled
-
-
 def forget_traversals() -> None:
     """Release the objects that UFL's algorithms have cached for a form.
 

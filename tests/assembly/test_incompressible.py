@@ -42,6 +42,7 @@ from support.scenes import (
     two_blocks,
     unit_box,
 )
+from support.symbolic import SymbolicForm
 
 import vmdg
 from vmdg.assembly.point_matrices import add_fields, create_matrix, sparsity
@@ -279,9 +280,9 @@ def test_invariants_give_the_energy_of_f_bar(comm, swelling):
     assert other.norm() < 1e-11 * matrix.norm()
 
 
-def assembled(problem, form):
+def assembled(symbolic, form):
     """Matrix of a form of the problem."""
-    matrix = fem_petsc.assemble_matrix(problem.discretization.weak_form.compile(form))
+    matrix = fem_petsc.assemble_matrix(symbolic.compile(form))
     matrix.assemble()
     return matrix
 
@@ -298,15 +299,15 @@ def test_blocks_are_ufl_derivatives(comm, kinematics):
     displace(problem, scene, 1.0)
     tangent_matrix(problem)
     weak_form, theta = problem.discretization.weak_form, problem.discretization.geometry.theta
-    (active,) = weak_form.active
+    (active,), symbolic = weak_form.active, SymbolicForm(problem)
     D = active.tangent()[0]
     fields = (problem.u, FacetJets.displacement), (theta, FacetJets.dilatation)
     for row, test in fields:
         eta = ufl.TestFunction(row.function_space)
-        residual = weak_form.residual(eta)
+        residual = symbolic.residual(eta)
         for column, trial in fields:
             step = ufl.TrialFunction(column.function_space)
-            expected = assembled(problem, ufl.derivative(residual, column, step))
+            expected = assembled(symbolic, ufl.derivative(residual, column, step))
             pattern = sparsity(row.function_space, column.function_space, weak_form.active)
             found = create_matrix(comm, pattern)
             bodies = weak_form.compile(weak_form.bulk_tangent(eta, step))

@@ -29,7 +29,7 @@ def area(comm, options):
     """1, by a kernel from the cache of ``options``."""
     mesh = create_unit_square(comm, 2, 2)
     form = fem.Constant(mesh, 1.0) * ufl.dx(mesh)
-    compiled = compile_form(form, [], comm, options)
+    compiled = compile_form(form, comm, options)
     return global_sum(comm, fem.assemble_scalar(compiled))
 
 
@@ -67,7 +67,7 @@ def test_mesh_is_not_kept(comm, options):
         mesh = create_unit_square(comm, 2, 2)
         u = fem.Function(fem.functionspace(mesh, ("P", 1)))
         form = ufl.derivative(u**2 * ufl.dx, u)
-        compile_form(form, [], comm, options)
+        compile_form(form, comm, options)
         gone = weakref.ref(mesh)
         del mesh, u, form
         assert gone() is None
@@ -127,7 +127,7 @@ from dolfinx.mesh import create_unit_square
 from vmdg.base.kernels import JIT_OPTIONS, compile_form
 mesh = create_unit_square(MPI.COMM_SELF, 2, 2)
 form = fem.Constant(mesh, 1.0) * ufl.dx(mesh)
-compile_form(form, [], mesh.comm, {**JIT_OPTIONS, "cache_dir": Path(sys.argv[1]), "timeout": 2})
+compile_form(form, mesh.comm, {**JIT_OPTIONS, "cache_dir": Path(sys.argv[1]), "timeout": 2})
 """
 
 

@@ -259,7 +259,7 @@ def errors(comm, cell, contrast, nu, safety, seeds, n=8):
         mu, lmbda = (fem.Constant(scene.mesh, v) for v in material.parameters.values())
         integrand = 2 * mu * ufl.inner(eps, eps) + lmbda * ufl.tr(eps) ** 2
         energy += integrand * dx(side + 1)
-    norms = [compile_form(form, [], comm) for form in (ufl.inner(e, e) * dx, energy)]
+    norms = [compile_form(form, comm) for form in (ufl.inner(e, e) * dx, energy)]
     found = []
 
     def measure(problem):

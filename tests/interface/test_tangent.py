@@ -12,11 +12,11 @@ from dolfinx.fem import petsc as fem_petsc
 from support.checks import directions, global_norm, modes, multiply, tangent_error, tangent_matrix
 from support.problems import displace, joined, partly_damaged
 from support.scenes import CELLS, DIMENSION, EVERY_CELL, EVERY_DEGREE, two_blocks
+from support.symbolic import SymbolicForm
 
 import vmdg
 from vmdg import Mode
 from vmdg.assembly.point_matrices import add_fields, add_tangent
-from vmdg.base.kernels import compile_form
 from vmdg.interface.jets import FacetJets
 
 
@@ -79,35 +79,27 @@ def test_small_strain(comm, law):
 def symbolic_damage(problem, du):
     """-Tt(eta).C.Tt(du) of (84), Tt the symbolic derivative of {P.N} + r g, C from the law."""
     active, d = problem.discretization.active[0], problem.mesh.geometry.dim
-    (pair,) = active.terms.pairs
+    symbolic = SymbolicForm(problem)
+    (oracle,) = symbolic.interfaces
+    ((_, bodies),) = oracle.pairs
     q, r = active.quadrature, active.stabilization.norm
     problem.step.assemble_residual(hold=True)
     state = problem.state[0]
     update = active.law.return_map(
         state.traction, state.normal, state.gap, state.softening, r[q.facet]
     )
-    C = fem.Function(q.space((d, d)))
-    C.x.array[:] = update.tangent.ravel()
-    delta, tau = fem.Function(q.facet_space((d, d))), fem.Function(q.facet_space(()))
-    q.set_facet_values(delta, active.stabilization.delta[:, 0])
-    q.set_facet_values(tau, r)
+    C = oracle.field(update.tangent)
+    delta, tau = (oracle.field(x[q.facet]) for x in (active.stabilization.delta[:, 0], r))
     N, one = ufl.FacetNormal(problem.mesh)("+"), ufl.Identity(d)
     tractions = []
-    for body, side in zip(pair.bodies, ("+", "-"), strict=True):
+    for body, side in zip(bodies, ("+", "-"), strict=True):
         F = ufl.variable(one + ufl.grad(problem.u)(side))
         tractions.append(ufl.dot(ufl.diff(body(side).energy(F), F), N))
-    mean = ufl.dot(delta("+"), tractions[0]) + ufl.dot(one - delta("+"), tractions[1])
-    total = mean + tau("+") * (problem.u("-") - problem.u("+"))
+    mean = ufl.dot(delta, tractions[0]) + ufl.dot(one - delta, tractions[1])
+    total = mean + tau * (problem.u("-") - problem.u("+"))
     eta = ufl.TestFunction(problem.space)
     by_eta, by_du = (ufl.derivative(total, problem.u, w) for w in (eta, du))
-    rows = active.facets.rows(np.ones(len(active.facets.facets), dtype=bool))
-    dS = ufl.Measure(
-        "dS",
-        domain=problem.mesh,
-        subdomain_data=[(0, rows)],
-        metadata={"quadrature_degree": q.degree},
-    )
-    return -ufl.dot(by_eta, ufl.dot(C("+"), by_du)) * dS(0)
+    return -ufl.dot(by_eta, ufl.dot(C, by_du)) * oracle.measure(0), symbolic
 
 
 @pytest.mark.parametrize("cell", [cell for cell in CELLS if DIMENSION[cell] == 2])
@@ -119,17 +111,18 @@ def test_tangent_is_the_symbolic_one(comm, cell, degree):
     """
     problem = partly_damaged(comm, cell, degree)
     du = ufl.TrialFunction(problem.space)
-    submeshes = [problem.discretization.active[0].terms.submesh]
 
-    def assembled(form):
-        matrix = fem_petsc.assemble_matrix(compile_form(form, submeshes, comm))
+    def assembled(form, of):
+        matrix = fem_petsc.assemble_matrix(of.compile(form))
         matrix.assemble()
         return matrix
 
     # Before the residual, which sets zeta: a coefficient of the second form only.
-    damage_part = assembled(symbolic_damage(problem, du))
+    damage_part = assembled(*symbolic_damage(problem, du))
     problem.step.assemble_residual()
-    symbolic = assembled(ufl.derivative(problem.discretization.weak_form.residual(), problem.u, du))
+    form = SymbolicForm(problem)
+    whole = form.residual(ufl.TestFunction(problem.space))
+    symbolic = assembled(ufl.derivative(whole, problem.u, du), form)
     for damage in (False, True):
         found = problem.discretization.create_matrix()
         problem.discretization.assemble_tangent(found, damage)

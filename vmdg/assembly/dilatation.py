@@ -73,7 +73,7 @@ class Dilatation:
 
     @cached_property
     def _pressures(self) -> fem.Form:
-        return self._weak_form.compile(self._weak_form.residual(self._test), "dilatation")
+        return self._weak_form.compile(self._weak_form.bulk_residual(self._test), "dilatation")
 
     @cached_property
     def _volume(self) -> fem.Function:

@@ -57,21 +57,6 @@ from .weak_form import WeakForm
 _ALONG_Z = np.diag([0.0, 0.0, 1.0])
 
 
-class _Compiled(NamedTuple):
-    """Compiled parts of a residual.
-
-    A cell integral receives all coefficients of its form: with those at the interface points it
-    would read 600 to 1200 numbers per hexahedron, of which it needs 26.
-
-    Attributes:
-        bulk: The bodies.
-        interfaces: Every active interface between meshes that match.
-    """
-
-    bulk: fem.Form
-    interfaces: list[fem.Form]
-
-
 class Split(NamedTuple):
     """The bodies in two sets of cells.
 
@@ -108,7 +93,7 @@ class Discretization:
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
         active: Interfaces with an open facet on any rank, by number.
         owned: Number of component-wise dofs this rank owns.
-        weak_form: (27) and (85) in UFL.
+        weak_form: The bodies' terms of (27) and (85) in UFL.
         surface: Pressures and springs; reset by :meth:`new_surface`.
     """
 
@@ -163,10 +148,6 @@ class Discretization:
         active = self.active[number]
         if active.fluid is None:
             active.take_fluid()
-            # Remove kernels compiled without the fluid.
-            for forms in ("_residual_forms", "_axial_residual"):
-                self.__dict__.pop(forms, None)
-            self._dilatation = Dilatation(self.weak_form) if self._dilatation else None
         return active
 
     @property
@@ -200,21 +181,16 @@ class Discretization:
         """Compile all kernels of a solve now, or load them from the cache; collective."""
         if self._dilatation is not None:
             self._dilatation.compile()
-        _ = self._residual_forms, self._add_bodies
+        _ = self._bulk_residual, self._add_bodies
         if self._axial:
             _ = self._axial_residual
         for active in self.active.values():
             _ = active.point_tangent
 
     @cached_property
-    def _residual_forms(self) -> _Compiled:
+    def _bulk_residual(self) -> fem.Form:
         weak, eta = self.weak_form, ufl.TestFunction(self._test_space)
-        matching = [one for one in self.active.values() if not one.facets.paired]
-        interfaces = [weak.interface_residual(eta, [active]) for active in matching]
-        return _Compiled(
-            weak.compile(weak.bulk_residual(eta), "bodies' residual", UNROLLED),
-            [weak.compile(form, "interface's residual") for form in interfaces],
-        )
+        return weak.compile(weak.bulk_residual(eta), "bodies' residual", UNROLLED)
 
     @cached_property
     def _axial_test(self) -> Expr:
@@ -223,7 +199,7 @@ class Discretization:
 
     @cached_property
     def _axial_residual(self) -> fem.Form:
-        form = self.weak_form.residual(self._axial_test)
+        form = self.weak_form.bulk_residual(self._axial_test)
         return self.weak_form.compile(form, "force along z")
 
     def _axial_force(self, form: fem.Form) -> float:
@@ -276,9 +252,9 @@ class Discretization:
         return E, forms, compiled(lambda eta, du: weak.bulk_tangent(du, eta))
 
     @cached_property
-    def _energy_forms(self) -> list[fem.Form]:
-        forms = self.weak_form.energy()
-        return [self.weak_form.compile(form, "energy") for form in forms if not form.empty()]
+    def _energy_form(self) -> fem.Form:
+        energy = self.weak_form.over_bodies(lambda body, F: body.energy(F))
+        return self.weak_form.compile(energy, "energy")
 
     @cached_property
     def _inverted_form(self) -> fem.Form:
@@ -382,12 +358,12 @@ class Discretization:
         """
         if dt is not None:
             self.update_points(dt, hold, anew)
-        forces, forms = self.forces.x, self._residual_forms
+        forces = self.forces.x
         self._update_pressure()
         with timer("assemble residual"):
             forces.array[:] = 0 if loads is None else -loads
             vector = self._nodal_forces(forces.array)
-            fem.assemble_vector(vector, forms.bulk if bulk is None else bulk)
+            fem.assemble_vector(vector, self._bulk_residual if bulk is None else bulk)
             axial = self._add_interfaces(vector)
             if self._axial:
                 axial += self._axial_force(self._axial_residual)
@@ -403,11 +379,9 @@ class Discretization:
         dofs, before ghosts are added to owners [N].
 
         Returns:
-            Force on F_33 of those whose meshes do not match, on this rank.
+            Force on F_33, on this rank.
         """
         axial = 0.0
-        for form in self._residual_forms.interfaces:
-            fem.assemble_vector(vector, form)
         for active in self.active.values():
             if (flux := pair_flux(active)) is not None:
                 add_uniform(vector, self._test_space.dofmap.list, active, flux)
@@ -539,9 +513,8 @@ class Discretization:
         """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm]."""
         self.update_means()
         stored = np.zeros(3)
-        for i, form in enumerate(self._energy_forms):
-            stored[i] = fem.assemble_scalar(form)
-        stored[1] += float(self.geometry.thickness) * sum(
+        stored[0] = fem.assemble_scalar(self._energy_form)
+        stored[1] = float(self.geometry.thickness) * sum(
             recoverable_energy(active) + pair_energy(active) for active in self.active.values()
         )
         stored[2] = self.surface.spring_energy()

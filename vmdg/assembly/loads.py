@@ -258,4 +258,4 @@ class DeadLoads:
             ]
         form = sum(terms[1:], terms[0])
         self._given = [*form.constants(), *form.coefficients()]
-        return compile_form(form, [], self._mesh.comm, name="loads")
+        return compile_form(form, self._mesh.comm, name="loads")

@@ -164,9 +164,7 @@ def add_uniform(
         active: The interface.
         flux: With dA, at its points (nq, jet).
     """
-    quadrature, jets = active.quadrature, active.point_tangent.jets
-    forces = jets.forces(flux[quadrature.points_of_facet])
-    add_forces(vector, dofs[active.facets.cells], quadrature.d, forces)
+    active.point_tangent.add_forces(flux, dofs, vector)
 
 
 def add_forces(vector: Array, nodes: NDArray[np.int32], d: int, forces: Array) -> None:

@@ -16,7 +16,6 @@ from dolfinx.mesh import Mesh
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
-from .. import compat
 from ..base.agreement import together
 from ..base.kernels import compile_form
 from ..base.parallel import global_max, raise_together
@@ -27,7 +26,6 @@ from ..domain.topology import boundary_rows
 from ..forms import surface
 from ..interface.active import ActiveInterface
 from ..interface.fluid import Fluid
-from ..interface.quadrature import FacetQuadrature
 from .dirichlet import SAME_VALUE
 from .point_matrices import add_forces
 from .space import at_owners
@@ -50,13 +48,11 @@ class _Term:
     Attributes:
         forces: Form in eta; restoring forces are positive.
         u: Displacement.
-        submeshes: Meshes of coefficients other than the mesh itself.
         name: Name of the kernels.
     """
 
     forces: ufl.Form
     u: fem.Function
-    submeshes: list[compat.FacetSubmesh]
     name: str
 
     @cached_property
@@ -71,7 +67,7 @@ class _Term:
 
     def _compile(self, form: ufl.Form) -> fem.Form:
         comm = self.u.function_space.mesh.comm
-        return compile_form(form, self.submeshes, comm, name=self.name)
+        return compile_form(form, comm, name=self.name)
 
     def add_to(self, vector: Array) -> None:
         """Add the forces at the current displacement, over local dofs [N]."""
@@ -83,8 +79,8 @@ class _Term:
 
 
 @dataclass(frozen=True)
-class _PairTerm:
-    """Forces of a fluid between meshes that do not match.
+class _FluidTerm:
+    """Forces of a fluid between the faces of an interface.
 
     Attributes:
         active: The interface.
@@ -120,7 +116,7 @@ class _Pressure:
         fluid: Fluid between crack faces; None on the boundary.
     """
 
-    term: _Term | _PairTerm
+    term: _Term | _FluidTerm
     function: fem.Function
     value: Value
     points: Array | None
@@ -217,38 +213,18 @@ class Surface:
         active.fluid.share = self._share(active, debonded, share)
         quadrature, p = active.quadrature, active.fluid.pressure
         dofs = np.arange(len(quadrature.weights), dtype=np.int32)
-        term = self._fluid_term(active)
+        term = _FluidTerm(active, self._space.dofmap.list)
         self._add(term, p, value, quadrature.points.T, dofs, active.fluid)
         self.fluids.append(active)
         self._spreading.append((active, debonded, share))
 
-    def _fluid_term(self, active: ActiveInterface) -> _Term | _PairTerm:
-        quadrature = active.quadrature
-        if not isinstance(quadrature, FacetQuadrature):
-            return _PairTerm(active, self._space.dofmap.list)
-        eta, N = ufl.TestFunction(self._space), ufl.FacetNormal(self._mesh)("+")
-        rows = active.facets.rows(np.ones(len(active.facets.facets), dtype=bool))
-        dS = ufl.Measure(
-            "dS",
-            domain=self._mesh,
-            subdomain_data=[(0, rows)],
-            subdomain_id=0,
-            metadata={"quadrature_degree": quadrature.degree},
-        )
-        body = self._bodies.regions[0].body
-        p = active.fluid.pressure("+")
-        density = surface.crack_face_force(eta, body, self._geometry, self._u, N, p)
-        return self._term(density, dS, [quadrature.submesh])
-
-    def _term(
-        self, density: Expr, measure: ufl.Measure, submeshes: Sequence[compat.FacetSubmesh] = ()
-    ) -> _Term:
+    def _term(self, density: Expr, measure: ufl.Measure) -> _Term:
         forces = self._geometry.weight * density * measure
-        return _Term(forces, self._u, list(submeshes), "surface")
+        return _Term(forces, self._u, "surface")
 
     def _add(
         self,
-        term: _Term | _PairTerm,
+        term: _Term | _FluidTerm,
         p: fem.Function,
         value: Value,
         points: Array,
@@ -384,7 +360,7 @@ class Surface:
         largest = global_max(self._mesh.comm, float(np.abs(forces).max(initial=0.0)))
         return np.einsum("in,jn->nij", motions, forces) / max(largest, np.finfo(float).tiny)
 
-    def _sum(self, terms: Sequence[_Term | _PairTerm]) -> Array:
+    def _sum(self, terms: Sequence[_Term | _FluidTerm]) -> Array:
         vector = np.zeros_like(self._u.x.array)
         for term in terms:
             term.add_to(vector)

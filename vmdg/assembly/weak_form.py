@@ -1,4 +1,4 @@
-"""The weak form (27) in UFL, summed over bodies and interfaces, and the bodies' tangent."""
+"""The terms of (27) and (85) on bodies in UFL; those on interfaces are sums over points."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from ..base.kernels import JIT_OPTIONS, VECTORIZED, compile_form
-from ..base.quadrature import bulk_degree, facet_degree
+from ..base.quadrature import bulk_degree
 from ..domain.materials import Bodies
 from ..forms import kinematics
 from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface
-from ..interface.terms import InterfaceTerms, RegionPair
 
 #: Of all local cells.
 Marks = NDArray[np.bool_]
@@ -45,7 +44,6 @@ class WeakForm:
         self.active = active
         self._mesh = mesh = self.space.mesh
         degree = self.space.ufl_element().degree
-        self._facet_degree = facet_degree(degree)
         self._dx = ufl.Measure(
             "dx",
             domain=mesh,
@@ -55,36 +53,12 @@ class WeakForm:
             },
         )
 
-    def residual(self, eta: Expr | None = None) -> ufl.Form:
-        """The stabilized residual (27) without dead loads.
-
-        Args:
-            eta: Test function of the displacement, or with mean dilatation of the dilatation.
-        """
-        eta = ufl.TestFunction(self.space) if eta is None else eta
-        return self.bulk_residual(eta) + self.interface_residual(eta)
-
-    def energy(self) -> tuple[ufl.Form, ufl.Form]:
-        """Stored energy of the bodies, and of the interfaces (30)."""
-        stored = self.over_interfaces(lambda terms, pair: terms.energy(pair.bodies))
-        return self.over_bodies(lambda body, F: body.energy(F)), stored
-
-    # Parts
-
     def bulk_residual(self, eta: Expr, cells: Marks | None = None) -> ufl.Form:
         """First term of (27), of all cells or of some."""
         virtual = self.geometry.gradient(eta)
         return self.over_bodies(
             lambda body, F: ufl.inner(virtual, kinematics.bulk_stress(body, self.geometry, F)),
             cells,
-        )
-
-    def interface_residual(
-        self, eta: Expr, interfaces: Sequence[ActiveInterface] | None = None
-    ) -> ufl.Form:
-        """The other terms of (27), for all interfaces or for these."""
-        return self.over_interfaces(
-            lambda terms, pair: terms.residual(eta, pair.bodies), interfaces
         )
 
     def bulk_tangent(self, eta: Expr, du: Expr, cells: Marks | None = None) -> ufl.Form:
@@ -111,31 +85,8 @@ class WeakForm:
         ]
         return sum(terms, start=ufl.Form([]))
 
-    def over_interfaces(
-        self,
-        integrand: Callable[[InterfaceTerms, RegionPair], Expr],
-        interfaces: Sequence[ActiveInterface] | None = None,
-    ) -> ufl.Form:
-        """Sum over all interfaces, or over these, of ``integrand(terms, pair)``."""
-        chosen = self.active if interfaces is None else interfaces
-        pairs = [(terms, pair) for terms in _of_facets(chosen) for pair in terms.pairs]
-        dS = ufl.Measure(
-            "dS",
-            domain=self._mesh,
-            subdomain_data=[(i, pair.rows) for i, (_, pair) in enumerate(pairs)],
-            metadata={"quadrature_degree": self._facet_degree},
-        )
-        terms = [self.geometry.weight * integrand(*pair) * dS(i) for i, pair in enumerate(pairs)]
-        return sum(terms, start=ufl.Form([]))
-
     def compile(self, form: ufl.Form, name: str = "form", options: dict | None = None) -> fem.Form:
-        """Compile a form with possible interface coefficients; collective."""
-        submeshes = [terms.submesh for terms in _of_facets(self.active)]
+        """Compile a form; collective."""
         if options is None:
             options = VECTORIZED if self._mesh.topology.dim == 3 else JIT_OPTIONS
-        return compile_form(form, submeshes, self._mesh.comm, options, name)
-
-
-def _of_facets(active: Sequence[ActiveInterface]) -> list[InterfaceTerms]:
-    """Integrands of the interfaces whose meshes match; the others are sums over points."""
-    return [one.terms for one in active if isinstance(one.terms, InterfaceTerms)]
+        return compile_form(form, self._mesh.comm, options, name)

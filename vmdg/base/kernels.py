@@ -29,6 +29,8 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
+from ufl.algorithms import extract_coefficients
+from ufl.algorithms.analysis import extract_constants
 from ufl.core.expr import Expr
 from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
@@ -131,16 +133,14 @@ def _lines(code: object) -> int:
 
 def compile_form(
     form: ufl.Form,
-    submeshes: list[compat.FacetSubmesh],
     comm: MPI.Comm,
     options: dict = JIT_OPTIONS,
     name: str = "form",
 ) -> fem.Form:
-    """Compile a form that may live on facet submeshes too, or load it; collective.
+    """Compile a form, or load it from the cache; collective.
 
     Args:
         form: What to integrate.
-        submeshes: Further meshes on which arguments or coefficients live.
         comm: Communicator of the mesh.
         options: Options of DOLFINx's just-in-time compiler.
         name: For :data:`requested`.
@@ -151,7 +151,7 @@ def compile_form(
     folder_name = form.signature()[:2]
     with timer("kernels"):
         compiled = _compiled(
-            comm, options, folder_name, lambda ordered: compat.form(form, submeshes, ordered)
+            comm, options, folder_name, lambda ordered: fem.form(form, jit_options=ordered)
         )
     _record(name, start, compiled.code)
     return compiled
@@ -223,6 +223,39 @@ def call(module: ModuleType, name: str, *arrays: NDArray | None) -> None:
     given = [None if one is None else np.ascontiguousarray(one) for one in arrays]
     assert given[0] is not None
     function(len(given[0]), *(ffi.NULL if one is None else ffi.from_buffer(one) for one in given))
+
+
+class PointKernel:
+    """An expression of fields with one value at every point, evaluated point by point.
+
+    Args:
+        expression: A vector; collective.
+        comm: Communicator of the mesh.
+        name: For :data:`requested`.
+
+    Attributes:
+        fields: The fields, in the order in which the kernel reads them.
+    """
+
+    def __init__(self, expression: Expr, comm: MPI.Comm, name: str):
+        self._compiled = compile_expression(expression, np.array([[0.5]]), comm, name=name)
+        given, code = self._compiled.ufl_expression, self._compiled._ufcx_expression
+        order, fields = code.original_coefficient_positions, extract_coefficients(given)
+        self.fields = [fields[order[i]] for i in range(code.num_coefficients)]
+        self._constants, self._size = extract_constants(given), expression.ufl_shape[0]
+        address = cffi.FFI().cast("uintptr_t", code.tabulate_tensor_float64)
+        self._address = np.array([int(address)], dtype=np.uintp)
+        source, declaration = Path(__file__).with_name("points.c"), f"void evaluate(long{', void *' * 5});"
+        self._module = compile_source(source, declaration, {}, comm, "points")
+
+    def __call__(self, rows: NDArray[np.integer] | slice) -> NDArray[np.float64]:
+        """Values at some points (n, components), of the present values of the fields."""
+        values = [f.x.array.reshape(-1, f.function_space.dofmap.index_map_bs) for f in self.fields]
+        w = np.concatenate([array[rows] for array in values], axis=1)
+        c = np.concatenate([np.zeros(0), *(np.ravel(one.value) for one in self._constants)])
+        result, sizes = np.zeros((len(w), self._size)), np.array([w.shape[1], self._size])
+        call(self._module, "evaluate", w, sizes, c, self._address, result)
+        return result
 
 
 @dolfinx.jit.mpi_jit_decorator

@@ -29,7 +29,6 @@ from .quadrature import FacetQuadrature, InterfaceQuadrature
 from .return_map import ReturnMap, Trial, apply, evaluate
 from .stabilization import Stabilization, Stabilizer
 from .tangent import PointTangent
-from .terms import InterfaceTerms
 
 
 def _quadrature(
@@ -56,7 +55,7 @@ class ActiveInterface:
         quadrature: Its quadrature points.
         turns: Whether the law works in a frame that rotates with the interface.
         stabilizer: Derives and scales tau_s.
-        terms: Its integrands, or where meshes do not match its terms of (27) at the points.
+        terms: Its terms of (27) at the points.
         stabilization: Stabilization in the forms; None before the first :meth:`apply`.
         floor: Largest r so far (nf,) [MPa/mm], a lower bound for the next step.
         history: Converged history of the points.
@@ -77,7 +76,7 @@ class ActiveInterface:
         self._u, self._bodies = u, bodies
         self.stabilizer = self._make_stabilizer()
         self.fluid: Fluid | None = None
-        self.terms: InterfaceTerms | PointResidual
+        self.terms: PointResidual
         self._make_evaluators()
         self.stabilization: Stabilization | None = None
         self.floor = np.zeros(len(facets.facets))
@@ -101,20 +100,14 @@ class ActiveInterface:
         pressure = None if self.fluid is None else self.fluid.pressure
         self._return_map = ReturnMap(self.interface, *given, pressure)
         self.turns = self._return_map.turns
-        if isinstance(self.quadrature, FacetQuadrature):
-            self.terms = InterfaceTerms(self.interface, *given, self.turns, pressure)
-        else:
-            self.terms = PointResidual(*given, pressure)
+        self.terms = PointResidual(*given, self.interface.traction_jump, pressure)
         self.__dict__.pop("point_tangent", None)
 
     def take_fluid(self) -> None:
-        """Add a fluid between the crack faces, at zero pressure; the forms must be rebuilt."""
+        """Add a fluid between the crack faces, at zero pressure."""
         assert not self.facets.slides
         self.fluid = Fluid(self.quadrature, self._u, self._bodies)
         self._make_evaluators()
-        self._set_gap()
-        if self.stabilization is not None:
-            self._set_stabilization(self.stabilization)
 
     # At the current displacement
 
@@ -171,12 +164,6 @@ class ActiveInterface:
 
     def _set_stabilization(self, stabilization: Stabilization) -> None:
         self.stabilization, self.floor = stabilization, stabilization.norm
-        if isinstance(self.terms, InterfaceTerms):
-            self.terms.set_stabilization(stabilization)
-
-    def _set_gap(self) -> None:
-        if isinstance(self.terms, InterfaceTerms):
-            self.terms.set_gap(self.values)
 
     # Surfaces that slide
 
@@ -221,9 +208,8 @@ class ActiveInterface:
         self.take(evaluate(self.law, trial, 1.0, end))
 
     def take(self, values: PointValues) -> None:
-        """Store the result of a return map at the points; sets zeta of the residual."""
+        """Store the result of a return map at the points, of which the residual is made."""
         self.values = values
-        self._set_gap()
 
     @cached_property
     def point_tangent(self) -> PointTangent:
@@ -313,7 +299,6 @@ class ActiveInterface:
         self.history, self.values = snapshot.history, snapshot.values
         if snapshot.gradient is not None:
             self._resumed = snapshot.gradient
-        self._set_gap()
         self._set_stabilization(snapshot.stabilization)
         if self.fluid is not None and snapshot.share is not None:
             self.fluid.share = snapshot.share
@@ -330,7 +315,6 @@ class ActiveInterface:
         self.floor = np.zeros(len(self.facets.facets))
         self.floor[position] = other.floor
         self.values = with_rows(self.values, mine, other.values, theirs)
-        self._set_gap()
         if self.law.inelastic:
             self.history = with_rows(self.history, mine, other.history, theirs)
         if self.fluid is not None:
@@ -416,20 +400,24 @@ def damage_work(active: ActiveInterface, points: NDArray[np.bool_] | slice = sli
 
 
 def pair_flux(active: ActiveInterface) -> NDArray[np.float64] | None:
-    """The interface terms of (27) with dA where meshes do not match, conjugate to jets at the
-    points (nq, jet); None where they match, and before tau_s is known."""
-    if isinstance(active.terms, InterfaceTerms) or active.stabilization is None:
+    """The interface terms of (27) with dA, conjugate to jets at the points (nq, jet); None before
+    tau_s is known."""
+    if active.stabilization is None:
         return None
     areas = active.point_tangent.areas
     return active.terms(active.stabilization, active.values) * areas[:, None]
 
 
 def pair_energy(active: ActiveInterface) -> float:
-    """Energy (30) at this rank's points where meshes do not match [N mm; N in plane strain]; zero
-    where they match."""
-    if isinstance(active.terms, InterfaceTerms):
+    """Energy (30) at this rank's points [N mm; N in plane strain]."""
+    if active.stabilization is None:
         return 0.0
-    energy = active.terms.energy(active.stabilization, active.values)
+    # Eigenstrains may have changed since the last return map: tractions anew, with its zeta.
+    trial, values = active.trial(), active.values
+    if active.law.inelastic:
+        R, gap = values.rotation, values.gap
+        trial = replace(trial, gap=gap if R is None else np.einsum("pji,pj->pi", R, gap))
+    energy = active.terms.energy(active.stabilization, evaluate(active.law, trial, 1.0, values))
     if active.fluid is None:
         return energy
     # The traction has the fluid in it, whose work is that of a load.

@@ -117,9 +117,9 @@ class InterfaceFacets:
         columns = [self.cells[:, 0], self.local[:, 0], self.cells[:, 1], self.local[:, 1]]
         return np.column_stack(columns)[select].ravel()
 
-    def side(self, a: int, select: NDArray[np.bool_]) -> NDArray[np.int32]:
-        """Rows (cell, facet in it) of side ``a`` (0 or 1), flattened."""
-        return np.column_stack([self.cells[:, a], self.local[:, a]])[select].ravel()
+    def cells_of(self, a: int) -> NDArray[np.int32]:
+        """Cells that may be at side ``a`` (0 or 1)."""
+        return self.cells[:, a]
 
 
 def check_ghosts(mesh: Mesh) -> None:

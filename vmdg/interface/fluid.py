@@ -1,7 +1,6 @@
 """The pressure of a fluid between the crack faces of an interface, at its points.
 
-Where meshes match, its forces are a form; where they do not, sums over the points, p a_1.eta_1 +
-p a_2.eta_2 with the current area vectors a of both sides, each outward and per area of side 1.
+Its forces are sums over the points, p a_1.eta_1 + p a_2.eta_2 with the current area vectors a of both sides, each outward and per area of side 1.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from ..domain.materials import Bodies
 from ..forms import kinematics
-from .pair_quadrature import PairQuadrature
 from .points import PointValues
 from .quadrature import InterfaceQuadrature, SideEvaluators
 from .return_map import apply
@@ -51,15 +49,14 @@ class Fluid:
                 lambda body, F, N, a: kinematics.area_vector(body, F, N),
                 "current area",
             )
-            if isinstance(quadrature, PairQuadrature):
-                n = quadrature.geometry.size(quadrature.d)
-                self._area_slopes = quadrature.side_evaluators(
-                    u,
-                    bodies,
-                    (quadrature.d, n, n),
-                    lambda body, F, N, a: ufl.diff(kinematics.area_vector(body, F, N), F),
-                    "slope of the current area",
-                )
+            n = quadrature.geometry.size(quadrature.d)
+            self._area_slopes = quadrature.side_evaluators(
+                u,
+                bodies,
+                (quadrature.d, n, n),
+                lambda body, F, N, a: ufl.diff(kinematics.area_vector(body, F, N), F),
+                "slope of the current area",
+            )
 
     @property
     def areas(self) -> tuple[Array, Array]:
@@ -80,17 +77,17 @@ class Fluid:
         return np.einsum("pi,pi->p", mean, values.elastic_opening)
 
     def forces(self) -> Array:
-        """Of pairs: the sum of p a.eta dA over the points, on the nodes of both cells (nf, 2 nodes,
+        """The sum of p a.eta dA over the points, on the nodes of both cells (nf, 2 nodes,
         d) [N]."""
-        quadrature: PairQuadrature = self._quadrature
+        quadrature = self._quadrature
         jets = quadrature.jets(self._u.function_space)
         tractions = np.stack(self.areas, axis=1) * self._pressed[:, None, None]
         return jets.side_forces(tractions[quadrature.points_of_facet])
 
     def tangents(self) -> Iterator[tuple[NDArray[np.int32], Array]]:
-        """Of pairs: cells of one side and the derivative of the forces on their nodes by the
+        """Cells of one side and the derivative of the forces on their nodes by the
         displacement of these (nf, n, n); none at small strain."""
-        quadrature: PairQuadrature = self._quadrature
+        quadrature = self._quadrature
         jets, points = quadrature.jets(self._u.function_space), quadrature.points_of_facet
         d, n = quadrature.d, quadrature.geometry.size(quadrature.d)
         columns = [i * n + j for i, j in jets.entries]

@@ -10,7 +10,7 @@ dofs w of the two cells at a facet, a bilinear form of jets j(eta).D.j(du) has t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -18,8 +18,8 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
 
-from ..forms.geometry import Axisymmetric
-from .quadrature import InterfaceQuadrature
+from ..forms.geometry import Axisymmetric, Geometry
+from .facets import InterfaceFacets
 
 Array = NDArray[np.float64]
 
@@ -40,10 +40,13 @@ class FacetJets:
     """The jets of displacements, and with mean dilatation those of dilatations, on all facets.
 
     Args:
-        quadrature: The points.
         space: Space of the displacement.
+        geometry: Gradient and measure.
+        facets: The facets.
+        shapes: On both sides the shape functions and their gradients at the points.
 
     Attributes:
+        space: As given.
         entries: (i, j) of the entries of GRAD w in a jet.
         size: Size of a jet.
         nodes: Number of nodes per cell.
@@ -52,15 +55,21 @@ class FacetJets:
         gradients: Their gradients (nf, points, 2 sides, nodes, d or d + 1), N/r last.
     """
 
-    def __init__(self, quadrature: InterfaceQuadrature, space: fem.FunctionSpace):
-        geometry, self._d = quadrature.geometry, quadrature.d
-        self._dofs, self._facets = space.dofmap.list, quadrature.facets
+    def __init__(
+        self,
+        space: fem.FunctionSpace,
+        geometry: Geometry,
+        facets: InterfaceFacets,
+        shapes: Sequence[tuple[Array, Array]],
+    ):
+        self._d = space.mesh.geometry.dim
+        self.space, self._dofs, self._facets = space, space.dofmap.list, facets
         self.index_map = space.dofmap.index_map
         self.nodes = self._dofs.shape[1]
         self.entries = geometry.entries(self._d)
         self.size = self._d + 2 * len(self.entries)
         self._hoop = isinstance(geometry, Axisymmetric)
-        values, gradients = zip(*quadrature.shapes(space.ufl_element().degree), strict=True)
+        values, gradients = zip(*shapes, strict=True)
         self.values, self.gradients = np.stack(values, axis=2), np.stack(gradients, axis=2)
 
     def of_gradient(self, gradient: Array) -> Array:
@@ -125,23 +134,6 @@ class FacetJets:
         if self._hoop:
             G = np.concatenate([G, found[..., 1 + d :, 0]], axis=3)
         return found[..., 0, :], G
-
-    def forces(self, flux: Array) -> Array:
-        """Sums of B^T.flux over the points of all facets, forces on the nodes of their cells (nf,
-        2 nodes, d).
-
-        Args:
-            flux: Conjugate to jets (nf, points, jet).
-        """
-        d, (count, points, _, _, slopes) = self._d, self.gradients.shape
-        G = flux[:, :, d:].reshape(count, points, 2, len(self.entries))
-        rows = np.zeros((count, points, 2, 1 + slopes, d))
-        rows[:, :, 0, 0], rows[:, :, 1, 0] = -flux[:, :, :d], flux[:, :, :d]
-        rows[..., 1 : 1 + d, :] = G[..., : d * d].reshape(count, points, 2, d, d).swapaxes(3, 4)
-        if self._hoop:
-            rows[..., 1 + d, 0] = G[..., d * d]
-        rows = rows.swapaxes(1, 2).reshape(count, 2, points * (1 + slopes), d)
-        return (self._columns.swapaxes(2, 3) @ rows).reshape(count, 2 * self.nodes, d)
 
     def side_forces(self, tractions: Array) -> Array:
         """Sums of tractions.eta over the points of all facets, tractions with dA on both sides (nf,

@@ -223,6 +223,10 @@ class PairedFacets(InterfaceFacets):
         """None: the bodies share no nodes."""
         return np.zeros(0, dtype=np.int32)
 
+    def cells_of(self, a: int) -> NDArray[np.int32]:
+        """See the base class; of the whole surface."""
+        return self.surfaces.sides[a].cells
+
     @property
     def distinct(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Of side 1."""

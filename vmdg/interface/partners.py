@@ -109,7 +109,7 @@ class PartnerTangent:
         flat = q.mesh.topology.cell_name() in ("triangle", "tetrahedron")
         if degree == 1 and flat and not self._hoop:
             return None
-        cells, places = q.facets.cells[:, a], q.places(degree)[a]
+        cells, places = q.facets.cells[:, a], q.places()[a]
         edges = reference_facets(q.mesh)[1][q.facets.local[:, a]]
         unit = np.eye(d, dtype=int)
         first = np.array([basix.index(*one) for one in unit])

@@ -127,7 +127,7 @@ class PointFlux:
         """Take the present facets or pairs of facets."""
         quadrature, gradients = self.active.quadrature, self.active.point_tangent.jets.gradients
         self._facets, self._sides = quadrature.facets, []
-        for a, places in enumerate(quadrature.places(self._degree)):
+        for a, places in enumerate(quadrature.places()):
             rows = np.flatnonzero(self._bodies.has(quadrature.facets.cells[:, a]))
             if not len(rows):  # basix has no values at no points
                 continue

@@ -1,10 +1,10 @@
-"""The interface terms of (27) as a sum over points, for meshes that do not match.
+"""The interface terms of (27) as a sum over points, where meshes match or not.
 
 With the jet j(eta) of :mod:`.jets` the terms are int j(eta).q dA, and the forces B^T.q dA:
 
     q = (T, H_1^T.v_1 - M, H_2^T.v_2 - M),    v_a = delta_a^T.s,  H_a = (A.N)_a,
 
-with M of a rotating frame. Each side has its own area vector: P_2.M_2 and H_2 with
+with M of a rotating frame, and with the traction jump of (26) -+delta_s.[[P.N]] in v_a. Each side has its own area vector: P_2.M_2 and H_2 with
 M_2 = -N_2 dS_2/dS_1, or forces would not balance where the surfaces are not parallel.
 """
 
@@ -23,6 +23,18 @@ from .stabilization import Stabilization
 Array = NDArray[np.float64]
 
 
+def adjoint_directions(
+    stabilization: Stabilization, values: PointValues, facet: NDArray[np.int32], jump: bool
+) -> Array:
+    """v_1 and v_2 of the adjoint term of (27), or with the traction jump of (26) (nq, 2, d) [mm]."""
+    weights = stabilization.weights[facet].swapaxes(2, 3)
+    directions = (weights @ values.elastic_opening[:, None, :, None])[..., 0]
+    if jump:
+        more = np.einsum("pij,pj->pi", stabilization.delta_s[facet], values.jump)
+        directions += np.stack([-more, more], axis=1)
+    return directions
+
+
 class PointResidual:
     """q of one interface.
 
@@ -30,6 +42,7 @@ class PointResidual:
         quadrature: Its points.
         u: Displacement, changed by the solver.
         bodies: Materials.
+        jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
     """
 
@@ -38,9 +51,10 @@ class PointResidual:
         quadrature: InterfaceQuadrature,
         u: fem.Function,
         bodies: Bodies,
+        jump: bool = False,
         fluid: fem.Function | None = None,
     ):
-        self._quadrature = quadrature
+        self._quadrature, self._jump = quadrature, jump
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
         self._columns = [i * n + j for i, j in geometry.entries(d)]
@@ -63,13 +77,11 @@ class PointResidual:
             stabilization: Of the forms.
             values: At the points.
         """
-        facet = self._quadrature.facet
         parts = [values.traction]
+        directions = adjoint_directions(stabilization, values, self._quadrature.facet, self._jump)
         # The kernels use the outward normal of their side, -N on side 2.
         for a, sign in enumerate((1.0, -1.0)):
-            weights = stabilization.weights[facet, a]
-            direction = np.einsum("pji,pj->pi", weights, values.elastic_opening)
-            self._quadrature.write(self._directions[a], sign * direction)
+            self._quadrature.write(self._directions[a], sign * directions[:, a])
             flux = self._adjoint[a]()[:, self._columns]
             if values.moment is not None:
                 moment = values.moment.reshape(len(flux), self._quadrature.d**2)
@@ -94,4 +106,7 @@ class PointResidual:
         else:
             penalty = stabilization.norm[quadrature.facet, None] * s
         density = np.einsum("pi,pi->p", values.traction - penalty / 2, s)
+        if self._jump:
+            delta_s = stabilization.delta_s[quadrature.facet]
+            density -= np.einsum("pi,pij,pj->p", values.jump, delta_s, values.jump) / 2
         return float(density @ quadrature.weights)

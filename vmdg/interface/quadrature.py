@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -13,22 +13,35 @@ import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Mesh
+from dolfinx.mesh import Mesh, create_interval
 from numpy.typing import NDArray
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
 from .. import compat
-from ..base.kernels import compile_form
+from ..base.kernels import PointKernel
 from ..domain.materials import Bodies
-from ..domain.shapes import FacetShapes, GeometryMap, ShapeGradients, determinants
+from ..domain.shapes import (
+    GeometryMap,
+    ShapeGradients,
+    determinants,
+    places_in_cells,
+    reference_facets,
+)
 from ..forms import kinematics
-from ..forms.geometry import CARTESIAN, Geometry
+from ..forms.dilatation import MeanDilatation
+from ..forms.geometry import CARTESIAN, GeneralizedPlane, Geometry
 from ..forms.kinematics import Body
 from .facets import InterfaceFacets
+from .jets import FacetJets
+
+Array = NDArray[np.float64]
+
+#: Fields of a body at points that facets need.
+_FACET_FIELDS = "facet_stress", "facet_moduli", "facet_stretch"
 
 #: Returns values at the facet points of one side (number of points, number of components).
-Evaluator = Callable[[], NDArray[np.float64]]
+Evaluator = Callable[[], Array]
 
 #: Of side 1 and side 2.
 SideEvaluators = tuple[Evaluator, Evaluator]
@@ -38,11 +51,15 @@ SideExpression = Callable[[Body, Expr, Expr, int], Expr]
 
 
 class InterfaceQuadrature:
-    """The points of an interface; all arrays have one row per point.
+    """The points of an interface, each with a place in the cells of both sides.
+
+    All arrays have one row per point on the facets this rank owns, so history needs no
+    communication.
 
     Attributes:
         mesh: The mesh.
         facets: Facets of the interface, or the segments that take their place.
+        degree: Degree of the rule.
         d: Dimension.
         geometry: Gradient and measure.
         points: Reference positions, of side 1 (nq, 3) [mm].
@@ -62,6 +79,7 @@ class InterfaceQuadrature:
 
     mesh: Mesh
     facets: InterfaceFacets
+    degree: int
     d: int
     geometry: Geometry
     points: NDArray[np.float64]
@@ -82,7 +100,7 @@ class InterfaceQuadrature:
         return slice(None)
 
     @cached_property
-    def by_facet(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    def by_facet(self) -> tuple[NDArray[np.int32], Array]:
         """Points of all segments of every distinct facet (n, most points of one), and their
         weights, zero where a facet has fewer."""
         rows, where = self.facets.distinct
@@ -102,28 +120,80 @@ class InterfaceQuadrature:
         integral = np.einsum("fp,fp...->f...", weights, values[points])
         return (integral.T / weights.sum(axis=1)).T
 
+    def _take_places(self, one: Array, two: Array, room: int | None = None) -> None:
+        """Take positions of the points in the reference cells of both sides (nf, points, d), with
+        room for so many points if it changes."""
+        self._places = one, two
+        self.__dict__.pop("by_facet", None)
+        self._jets: FacetJets | None = None
+        self._last: tuple[Array, tuple[Array, Array]] | None = None
+        self.taken = object()  # another one for other points
+        if room is not None:
+            # One cell for every point: kernels are evaluated there with F and N as coefficients.
+            self._cells_of_points = create_interval(MPI.COMM_SELF, max(room, 1), [0.0, 1.0])
+            n, d = self.geometry.size(self.d), self.d
+            self.F, self.N = ([fem.Function(self.space(s)) for _ in "12"] for s in ((n, n), (d,)))
+        for N, outward in zip(self.N, self.outward, strict=True):
+            self.write(N, outward)
+
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
         """Space of values of the given shape at every point, (44)-(45); its dofs are numbered like
         the points."""
-        raise NotImplementedError
+        return fem.functionspace(self._cells_of_points, ("DG", 0, shape))
 
     @staticmethod
-    def write(function: fem.Function, values: NDArray[np.float64]) -> None:
+    def write(function: fem.Function, values: Array) -> None:
         """Set a function of :meth:`space` to values at the points (nq, ...)."""
         function.x.array[: values.size] = values.ravel()
 
-    def shapes(self, degree: int) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    def shapes(self, degree: int) -> list[tuple[Array, Array]]:
         """On both sides the shape functions (nf, points, nodes) and their gradients (nf, points,
         nodes, d or d + 1), N/r last."""
-        raise NotImplementedError
+        shapes = ShapeGradients(self.mesh, self.geometry, degree)
+        sides = zip(self.facets.cells.T, self._places, strict=True)
+        return [shapes.in_places(*side) for side in sides]
 
-    def places(self, degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions of the points in the reference cells of both sides (nf, points, d).
+    def places(self) -> tuple[Array, Array]:
+        """Positions of the points in the reference cells of both sides (nf, points, d)."""
+        return self._places
+
+    def jets(self, space: fem.FunctionSpace) -> FacetJets:
+        """B at the points, for a space."""
+        if self._jets is None or self._jets.space is not space:
+            self._last = None
+            shapes = self.shapes(space.ufl_element().degree)
+            self._jets = FacetJets(space, self.geometry, self.facets, shapes)
+        return self._jets
+
+    def field(self, u: fem.Function) -> tuple[Array, Array]:
+        """The current displacement on both sides (ns, points, 2, d) [mm], and its entries of GRAD
+        (ns, points, 2, entries), with the mean of a periodic cell, without a dilatation or F_33.
+
+        Computed once for all evaluators.
 
         Args:
-            degree: Degree of the displacement.
+            u: The displacement.
         """
-        raise NotImplementedError
+        mean = getattr(self.geometry, "macroscopic", None)
+        known = u.x.array
+        if mean is not None:
+            known = np.concatenate([known, mean.value.ravel()])
+        if self._last is None or not np.array_equal(self._last[0], known):
+            found = self.jets(u.function_space).of_field(u.x.array.reshape(-1, self.d))
+            if mean is not None:
+                found[1][..., : self.d**2] += mean.value.ravel()
+            self._last = known.copy(), found
+            self._write_deformations(found[1])
+        return self._last[1]
+
+    def _write_deformations(self, gradients: Array) -> None:
+        """Set F of both sides from entries of GRAD u (nf, points, 2, entries)."""
+        rows, columns = np.transpose(self.geometry.entries(self.d))[:, : gradients.shape[3]]
+        one = np.eye(self.geometry.size(self.d))
+        for a, function in enumerate(self.F):
+            F = np.tile(one, (len(self.facet), 1, 1))
+            F[:, rows, columns] += gradients[:, :, a].reshape(len(F), len(rows))
+            self.write(function, F)
 
     def side_evaluators(
         self,
@@ -147,213 +217,240 @@ class InterfaceQuadrature:
             name: Its purpose.
             fluid: Fluid pressure at the points; None for none.
         """
-        raise NotImplementedError
-
-    def flux_evaluators(
-        self, u: fem.Function, bodies: Bodies, turns: bool, fluid: fem.Function | None
-    ) -> SideEvaluators:
-        """Evaluators of P.N, u and, where the frame of the law turns, of GRAD u in the section."""
-        raise NotImplementedError
-
-    def bubble_factors(self) -> NDArray[np.float64]:
-        """(int_gamma b_s dA)^2 / meas(gamma) of (21) on the facets of both sides (2, nf).
-
-        [mm2; mm in plane strain].
-        """
-        raise NotImplementedError
-
-
-class FacetQuadrature(InterfaceQuadrature):
-    """The facet submesh of an interface and its quadrature points.
-
-    Points are numbered like the dofs of the quadrature space; all arrays have one row per point on
-    the facets this rank owns, so history needs no communication.
-    """
-
-    def __init__(
-        self,
-        mesh: Mesh,
-        facets: InterfaceFacets,
-        degree: int,
-        geometry: Geometry = CARTESIAN,
-    ):
-        self.mesh = mesh
-        self.facets = facets
-        self.degree = degree
-        self.geometry = geometry
-        self.submesh = compat.facet_submesh(mesh, facets.facets)
-        sub = self.submesh.mesh
-        self.d = mesh.geometry.dim
-        self._cell = sub.basix_cell()
-        # Cell of the submesh for facet f of the interface.
-        count = sub.topology.index_map(sub.topology.dim).size_local
-        position = np.searchsorted(facets.facets, self.submesh.facets[:count])
-        self.cell_of_facet = np.argsort(position).astype(np.int32)
-        self._scalar = self.space(())
-        dofs = self._scalar.dofmap.list[:count]
-        self.facet = np.empty(dofs.size, dtype=np.int32)
-        self.facet[dofs] = position[:, None]
-        self.points_of_facet = dofs[self.cell_of_facet]
-
-        N, X = ufl.FacetNormal(mesh), ufl.SpatialCoordinate(mesh)
-        parts = [(0, np.ones(len(facets.facets), dtype=bool), ufl.as_vector([1, *N, *X]))]
-        # Weights of the points on the mesh, by which evaluators divide; 1 until they are known.
-        self._weights = np.ones(dofs.size)
-        integrals = self.evaluator((1 + 2 * self.d,), parts)()
-        self._weights = integrals[:, 0].copy()
-        self.normal = integrals[:, 1 : 1 + self.d] / self._weights[:, None]
-        self.normal /= np.linalg.norm(self.normal, axis=1, keepdims=True)
-        self.outward = np.stack([self.normal, -self.normal])
-        self.points = np.zeros((dofs.size, 3))
-        self.points[:, : self.d] = integrals[:, 1 + self.d :] / self._weights[:, None]
-        self.weights = self._weights * geometry.circumference(self.points.T)
-        self.area = np.bincount(self.facet, self.weights, minlength=len(facets.facets))
-        measure = np.bincount(self.facet, self._weights, minlength=len(facets.facets))
-        self.extent = measure ** (1 / (self.d - 1))
-
-    def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
-        """Space of values of the given shape at every point, (44)-(45)."""
-        element = basix.ufl.quadrature_element(self._cell, value_shape=shape, degree=self.degree)
-        return fem.functionspace(self.submesh.mesh, element)
-
-    def facet_space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
-        """Space of facet-wise constant values of the given shape."""
-        return fem.functionspace(self.submesh.mesh, ("DG", 0, shape))
-
-    def set_facet_values(self, function: fem.Function, values: NDArray) -> None:
-        """Write one value per facet (nf, ...) into a function of :meth:`facet_space`."""
-        dofmap = function.function_space.dofmap
-        dofs = dofmap.list[self.cell_of_facet, 0]
-        size = dofmap.index_map_bs  # not -1: a rank may have no facet
-        function.x.array.reshape(-1, size)[dofs] = values.reshape(-1, size)
-
-    def evaluator(
-        self,
-        shape: tuple[int, ...],
-        parts: Sequence[tuple[int, NDArray[np.bool_], Expr]],
-        name: str = "facet points",
-    ) -> Evaluator:
-        """Make an evaluator of one-sided expressions of the given shape.
-
-        Expressions are integrated against the test function of each point and divided by its
-        weight, so any expression that FFCx compiles can be evaluated, with one kernel for both
-        sides.
-
-        Args:
-            shape: Shape of the expressions.
-            parts: (side 0 or 1, facets of the interface, expression on them).
-            name: Its purpose.
-        """
-        space = self.space(shape)
-        test = ufl.TestFunction(space)
-        forms = []
-        for side, select, expression in parts:
-            if isinstance(expression, Zero):
-                continue
-            rows = [(0, self.facets.side(side, select))]
-            ds = ufl.Measure(
-                "ds",
-                domain=self.mesh,
-                subdomain_data=rows,
-                subdomain_id=0,
-                metadata={"quadrature_degree": self.degree, "quadrature_rule": "default"},
-            )
-            integrand = ufl.inner(test, expression) * ds
-            forms.append(compile_form(integrand, [self.submesh], self.mesh.comm, name=name))
-        imap, bs = space.dofmap.index_map, space.dofmap.index_map_bs
-        weights = self._weights[:, None]
-
-        def evaluate() -> NDArray[np.float64]:
-            result = np.zeros((imap.size_local + imap.num_ghosts) * bs)
-            for form in forms:
-                fem.assemble_vector(result, form)
-            return result[: imap.size_local * bs].reshape(-1, bs) / weights
-
-        return evaluate
-
-    def shapes(self, degree: int) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """See the base class."""
-        return [(side.values, side.gradients) for side in self._on_facets(degree)]
-
-    def places(self, degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """See the base class."""
-        one, two = self._on_facets(degree)
-        return one.reference, two.reference
-
-    def _on_facets(self, degree: int) -> list[FacetShapes]:
-        facets, shapes = self.facets, ShapeGradients(self.mesh, self.geometry, degree)
-        places = self.points[self.points_of_facet][..., : self.d]
-        sides = zip(facets.cells.T, facets.local.T, strict=True)
-        return [shapes.on_facets(*side).at(places) for side in sides]
-
-    def side_evaluators(
-        self,
-        u: fem.Function,
-        bodies: Bodies,
-        shape: tuple[int, ...],
-        expression: SideExpression,
-        name: str,
-        fluid: fem.Function | None = None,
-    ) -> SideEvaluators:
-        """See the base class."""
-        N = ufl.FacetNormal(self.mesh)
-        pairs = region_pairs(self.facets, bodies, self.mesh.comm)
 
         def one_side(a: int) -> Evaluator:
-            parts = []
-            for number in np.unique(pairs[:, a]):
-                F = ufl.variable(self.geometry.deformation(u))
-                select = bodies.region[self.facets.cells[:, a]] == number
-                body = replace(bodies.regions[number].body, fluid=fluid)
-                parts.append((a, select, expression(body, F, N, a)))
-            return self.evaluator(shape, parts, name=name)
+            return _PointExpressions(self, u, bodies, a, shape, expression, name, fluid)
 
         return one_side(0), one_side(1)
 
     def flux_evaluators(
         self, u: fem.Function, bodies: Bodies, turns: bool, fluid: fem.Function | None
     ) -> SideEvaluators:
-        """See the base class."""
+        """Evaluators of P.N, u and, where the frame of the law turns, of GRAD u in the section."""
         d = self.d
-        size = 2 * d + d * d if turns else 2 * d
+        tractions = self.side_evaluators(
+            u,
+            bodies,
+            (d,),
+            lambda body, F, N, a: kinematics.traction(body, F, N),
+            "flux",
+            fluid=fluid,
+        )
 
-        def flux(body: Body, F: Expr, N: Expr, a: int) -> Expr:
-            values = [*kinematics.traction(body, F, N), *u]
-            if turns:
-                gradient = self.geometry.section_gradient(u)
-                values += [gradient[i, j] for i in range(d) for j in range(d)]
-            return ufl.as_vector(values)
+        def one_side(a: int) -> Evaluator:
+            def evaluate() -> Array:
+                displacement, gradient = self.field(u)
+                values = [tractions[a](), displacement[:, :, a].reshape(-1, d)]
+                if turns:
+                    values.append(gradient[:, :, a, : d * d].reshape(-1, d * d))
+                return np.hstack(values)
 
-        return self.side_evaluators(u, bodies, (size,), flux, "flux", fluid=fluid)
+            return evaluate
 
-    def bubble_factors(self) -> NDArray[np.float64]:
-        """See the base class."""
-        factor = bubble_integrals(self) ** 2 / self.area
-        return np.stack([factor, factor])
+        return one_side(0), one_side(1)
+
+    def bubble_factors(self) -> Array:
+        """(int_gamma b_s dA)^2 / meas(gamma) of (21) on the facets of both sides (2, nf).
+
+        [mm2; mm in plane strain].
+        """
+        sides = zip(self.facets.cells.T, self.facets.local.T, strict=True)
+        return np.stack([self.bubble_factors_of(*side) for side in sides])
+
+    def bubble_factors_of(self, cells: NDArray[np.int32], local: NDArray[np.int32]) -> Array:
+        """The same for facets ``local`` of cells (n,)."""
+        return _bubble_factors(self.mesh, self.geometry, self.degree, cells, local)
 
 
-def region_pairs(facets: InterfaceFacets, bodies: Bodies, comm: MPI.Comm) -> NDArray[np.int32]:
-    """Pairs of material regions on the two sides of a facet on any rank, (number of pairs, 2)."""
-    pairs = comm.allgather(np.unique(bodies.region[facets.cells], axis=0))
-    return np.unique(np.concatenate(pairs), axis=0)
+class FacetQuadrature(InterfaceQuadrature):
+    """The quadrature points of facets between cells that match.
 
-
-def bubble_integrals(quadrature: FacetQuadrature) -> NDArray[np.float64]:
-    """int_gamma b_s dA of (21) for every facet, (nf,) [mm2; mm in plane strain].
-
-    On the facet b_s is 4 x (1 - x) per direction, or 27 l_1 l_2 l_3 on a triangle; the geometry may
-    be curved or warped. In axisymmetry dA = 2 pi r ds.
+    Args:
+        mesh: The mesh.
+        facets: The facets.
+        degree: Degree of the rule.
+        geometry: Gradient and measure.
     """
-    sub = quadrature.submesh.mesh
-    cell = sub.basix_cell()
-    points, weights = basix.make_quadrature(cell, 3 + 2 * compat.coordinate_element(sub).degree)
+
+    def __init__(
+        self, mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geometry = CARTESIAN
+    ):
+        self.mesh, self.facets, self.degree, self.geometry = mesh, facets, degree, geometry
+        self.d = d = mesh.geometry.dim
+        facet = basix.cell.subentity_types(mesh.basix_cell())[d - 1][0]
+        rule, weights = basix.make_quadrature(facet, degree)
+        origins, edges = reference_facets(mesh)
+        one, two = (origins[side][:, None] + rule @ edges[side] for side in facets.local.T)
+        X, J = places_in_cells(mesh, facets.cells[:, 0], one)
+        # The points of side 2 in the order of those of side 1.
+        other = places_in_cells(mesh, facets.cells[:, 1], two)[0]
+        order = np.linalg.norm(other[:, None] - X[:, :, None], axis=3).argmin(axis=2)
+        two = np.take_along_axis(two, order[..., None], axis=1)
+        tangents = J @ edges[facets.local[:, 0], None].swapaxes(2, 3)
+        metric = tangents.swapaxes(2, 3) @ tangents
+        areas = np.sqrt(determinants(metric)) * weights
+        outward = basix.cell.facet_outward_normals(mesh.basix_cell())[facets.local[:, 0]]
+        N = np.einsum("fqji,fj->fqi", np.linalg.inv(J), outward).reshape(-1, d)
+        self.normal = N / np.linalg.norm(N, axis=1, keepdims=True)
+        self.outward = np.stack([self.normal, -self.normal])
+        self.points = np.zeros((areas.size, 3))
+        self.points[:, :d] = X.reshape(-1, d)
+        self.weights = areas.ravel() * geometry.circumference(self.points.T)
+        self.points_of_facet = np.arange(areas.size, dtype=np.int32).reshape(areas.shape)
+        self.facet = np.repeat(np.arange(len(areas), dtype=np.int32), areas.shape[1])
+        self.area = self.weights.reshape(areas.shape).sum(axis=1)
+        self.extent = areas.sum(axis=1) ** (1 / (d - 1))
+        self._take_places(one, two, areas.size)
+
+
+class _PointExpressions:
+    """An expression of the body, F and N at the points of one side, by a kernel for every region.
+
+    Args:
+        quadrature: The points.
+        u: Displacement, changed by the solver.
+        bodies: Materials.
+        a: The side, 0 or 1.
+        shape: Shape of the expression.
+        expression: Of the body, F, N and the side.
+        name: Its purpose.
+        fluid: Fluid pressure at the points; None for none.
+    """
+
+    def __init__(
+        self,
+        quadrature: InterfaceQuadrature,
+        u: fem.Function,
+        bodies: Bodies,
+        a: int,
+        shape: tuple[int, ...],
+        expression: SideExpression,
+        name: str,
+        fluid: fem.Function | None = None,
+    ):
+        self._quadrature, self._u, self._a = quadrature, u, a
+        self._region, self._points = bodies.region, bodies.points
+        self._size = int(np.prod(shape, dtype=int))
+        # Fields on the mesh, and their values at the points.
+        self._fields: dict[fem.Function, fem.Function] = {}
+        self._parts: list[tuple[int, PointKernel]] = []
+        self._taken: object = None
+        F, N = quadrature.F[a], quadrature.N[a]
+        # The last entry of F on the diagonal may be no derivative of the displacement.
+        self._free_entry = isinstance(quadrature.geometry, MeanDilatation | GeneralizedPlane)
+        used: set[fem.Function] = set()
+        here = np.unique(bodies.region[quadrature.facets.cells_of(a)])
+        for number in np.unique(np.concatenate(quadrature.mesh.comm.allgather(here))):
+            body = replace(self._at_points(bodies.regions[number].body), fluid=fluid)
+            value = expression(body, ufl.variable(F), N, a)
+            if isinstance(value, Zero):
+                continue
+            entries = [value[i] for i in np.ndindex(*shape)] if shape else [value]
+            vector = ufl.as_vector(entries)
+            kernel = PointKernel(vector, quadrature.mesh.comm, name)
+            self._parts.append((int(number), kernel))
+            used.update(kernel.fields)
+        self._fields = {field: there for field, there in self._fields.items() if there in used}
+
+    def _at_points(self, body: Body) -> Body:
+        """The body with its parameters, its eigenstrain and the stress on facets at the points."""
+
+        def there(field: fem.Function) -> fem.Function:
+            if field not in self._fields:
+                self._fields[field] = fem.Function(self._quadrature.space(field.ufl_shape))
+            return self._fields[field]
+
+        parameters: Mapping[str, Expr] = {k: there(v) for k, v in body.parameters.items()}
+        strain = None if body.eigenstrain is None else there(body.eigenstrain)
+        points = body.points
+        if points is not None:
+            fields = {name: there(getattr(points, name)) for name in _FACET_FIELDS}
+            points = replace(points, **fields)
+        return replace(body, parameters=parameters, eigenstrain=strain, points=points)
+
+    def _values(self, field: fem.Function, cells: NDArray[np.int32]) -> Array:
+        """A field at the points, in their cells (nq, ...)."""
+        dofmap = field.function_space.dofmap
+        values = field.x.array.reshape(-1, dofmap.index_map_bs)[dofmap.list[cells]]
+        if values.shape[1] == 1:
+            return values[:, 0]
+        places = self._quadrature.places()[self._a]
+        assert self._points is not None
+        basis = self._points.element.tabulate(0, places.reshape(len(cells), -1))[0]
+        return np.einsum("pm,pmi->pi", basis, values)
+
+    def _take_points(self) -> None:
+        """Take the present points."""
+        quadrature, self._taken = self._quadrature, self._quadrature.taken
+        self._cells = quadrature.facets.cells[quadrature.facet, self._a]
+        region = self._region[self._cells]
+        self._rows = [np.flatnonzero(region == number) for number, _ in self._parts]
+
+    def __call__(self) -> Array:
+        """Values at the points (nq, components)."""
+        quadrature = self._quadrature
+        if self._taken is not quadrature.taken:
+            self._take_points()
+        cells, F = self._cells, quadrature.F[self._a]
+        quadrature.field(self._u)
+        if self._free_entry:
+            entry = _last_entry(quadrature.geometry, cells)
+            F.x.array.reshape(-1, *F.ufl_shape)[: len(cells), -1, -1] = entry
+        for field, function in self._fields.items() if len(cells) else ():
+            quadrature.write(function, self._values(field, cells))
+        if len(self._parts) == 1 and len(self._rows[0]) == len(cells):
+            return self._parts[0][1](slice(len(cells)))
+        result = np.zeros((len(cells), self._size))
+        for (_, kernel), rows in zip(self._parts, self._rows, strict=True):
+            result[rows] = kernel(rows)
+        return result
+
+
+def _last_entry(geometry: Geometry, cells: NDArray[np.int32]) -> Array | float:
+    """The last entry of F on the diagonal where it is no derivative of the displacement: theta of
+    cells (n,), or F_33."""
+    if isinstance(geometry, MeanDilatation):
+        theta = geometry.theta
+        return theta.x.array[theta.function_space.dofmap.list[cells, 0]]
+    assert isinstance(geometry, GeneralizedPlane)
+    return 1.0 + float(geometry.axial.value)
+
+
+def _bubble_factors(
+    mesh: Mesh,
+    geometry: Geometry,
+    degree: int,
+    cells: NDArray[np.int32],
+    local: NDArray[np.int32],
+) -> Array:
+    """(int b_s dA)^2 / int dA of facets ``local`` of cells (n,), see :func:`.bubble_integrals`; the
+    area by a rule of this degree."""
+    cell = basix.cell.subentity_types(mesh.basix_cell())[mesh.topology.dim - 1][0]
+    points, weights = basix.make_quadrature(cell, 3 + 2 * compat.coordinate_element(mesh).degree)
     bubble = bubble_values(cell, points)
-    geometry_map = GeometryMap(sub, points)
-    nodes = geometry_map.nodes(quadrature.cell_of_facet)
-    tangents = np.einsum("tqn,fnd->fqdt", geometry_map.slopes, nodes)
-    metric = np.einsum("fqds,fqdt->fqst", tangents, tangents)
-    around = quadrature.geometry.circumference(geometry_map.positions(nodes))
-    return (np.sqrt(determinants(metric)) * around) @ (weights * bubble)
+    measure = _facet_integrals(mesh, geometry, cells, local, *basix.make_quadrature(cell, degree))
+    return _facet_integrals(mesh, geometry, cells, local, points, weights * bubble) ** 2 / measure
+
+
+def _facet_integrals(
+    mesh: Mesh,
+    geometry: Geometry,
+    cells: NDArray[np.int32],
+    local: NDArray[np.int32],
+    points: Array,
+    weights: Array,
+) -> Array:
+    """Integrals over facets of cells (n,), by reference points of a facet and their weights."""
+    found = np.zeros(len(cells))
+    for number, (origin, edges) in enumerate(zip(*reference_facets(mesh), strict=True)):
+        chosen = np.flatnonzero(local == number)
+        geometry_map = GeometryMap(mesh, origin + points @ edges)
+        nodes = geometry_map.nodes(cells[chosen])
+        tangents = geometry_map.jacobians(nodes) @ edges.T
+        metric = tangents.transpose(0, 1, 3, 2) @ tangents
+        around = geometry.circumference(geometry_map.positions(nodes))
+        found[chosen] = (np.sqrt(determinants(metric)) * around) @ weights
+    return found
 
 
 def bubble_values(cell: basix.CellType, points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -105,7 +105,7 @@ class BubbleIntegrals:
             integrand = bubbles.bubble_stiffness(region.body, geometry, u, self._bubble)
             weight = geometry.circumference(ufl.SpatialCoordinate(mesh))
             form = weight * ufl.inner(test, integrand) * dx
-            self._forms.append(compile_form(form, [], mesh.comm, name="bubble stiffness"))
+            self._forms.append(compile_form(form, mesh.comm, name="bubble stiffness"))
 
     def __call__(self) -> NDArray[np.float64]:
         """The integrals (number of pairs, d, d) [MPa mm; MPa in plane strain]."""

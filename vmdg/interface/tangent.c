@@ -202,3 +202,35 @@ void facet_tangents(long count, const int points[][POINTS], const double values[
           }
   }
 }
+
+/* Add the forces B^T.q of all facets on the nodes of their cells to a vector. */
+void add_forces(long facets, const int *points, const double *values, const double *gradients,
+                const double *flux, const int *nodes, double *vector)
+{
+    const long jet = DIM + 2 * ENTRIES;
+    for (long f = 0; f < facets; f++) {
+        double forces[2 * NODES * DIM] = {0};
+        for (int p = 0; p < POINTS; p++) {
+            const double *q = flux + points[f * POINTS + p] * jet;
+            for (int side = 0; side < 2; side++) {
+                const long first = ((f * POINTS + p) * 2 + side) * NODES;
+                const double *G = q + DIM + side * ENTRIES, sign = side ? 1.0 : -1.0;
+                for (int n = 0; n < NODES; n++) {
+                    const double *slope = gradients + (first + n) * SLOPES;
+                    double *F = forces + (side * NODES + n) * DIM;
+                    for (int i = 0; i < DIM; i++) {
+                        double sum = sign * values[first + n] * q[i];
+                        for (int j = 0; j < DIM; j++)
+                            sum += G[i * DIM + j] * slope[j];
+                        F[i] += sum;
+                    }
+                    if (SLOPES > DIM)
+                        F[0] += G[DIM * DIM] * slope[SLOPES - 1];
+                }
+            }
+        }
+        for (int n = 0; n < 2 * NODES; n++)
+            for (int i = 0; i < DIM; i++)
+                vector[(long)nodes[f * 2 * NODES + n] * DIM + i] += forces[n * DIM + i];
+    }
+}

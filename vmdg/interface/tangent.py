@@ -23,7 +23,7 @@ from ..forms import kinematics
 from ..forms.kinematics import Body
 from .frame import TurningTangent
 from .jets import FacetJets
-from .pair_quadrature import PairQuadrature
+from .point_residual import adjoint_directions
 from .points import PointValues
 from .quadrature import InterfaceQuadrature
 from .stabilization import Stabilization
@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 _DECLARATIONS = f"""
 void point_tangents(long{", void *" * 15});
 void facet_tangents(long{", void *" * 5});
+void add_forces(long{", void *" * 6});
 """
 
 
@@ -68,7 +69,6 @@ class PointTangent:
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
         self._quadrature, self._space = quadrature, u.function_space
-        self._jets: FacetJets | None = None
         self._entries = self.jets.entries
         # All entries of GRAD in order need no copy.
         columns = [i * n + j for i, j in self._entries]
@@ -101,11 +101,7 @@ class PointTangent:
     @property
     def jets(self) -> FacetJets:
         """B at the points."""
-        if isinstance(self._quadrature, PairQuadrature):
-            return self._quadrature.jets(self._space)
-        if self._jets is None:
-            self._jets = FacetJets(self._quadrature, self._space)
-        return self._jets
+        return self._quadrature.jets(self._space)
 
     @property
     def areas(self) -> Array:
@@ -185,15 +181,21 @@ class PointTangent:
         call(self._module, "facet_tangents", points, values, self.jets.gradients[rows], D, matrices)
         return matrices
 
+    def add_forces(self, flux: Array, dofs: NDArray[np.int32], vector: Array) -> None:
+        """Add int j(eta).flux, with dA (nq, jet), to a vector over local dofs.
+
+        Args:
+            flux: Conjugate to jets.
+            dofs: Nodes of the cells in the vector (cells, nodes of a cell).
+            vector: Forces [N].
+        """
+        points, jets = self._quadrature.points_of_facet, self.jets
+        nodes = dofs[self._quadrature.facets.cells]
+        call(self._module, "add_forces", points, jets.values, jets.gradients, flux, nodes, vector)
+
     def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> list[Array]:
         """Independent components of K_a of (85) of both sides (nq, components) [MPa]."""
-        facet = self._quadrature.facet
-        # v_1, v_2 of the adjoint term of (27) or (26) (nq, 2, d) [mm].
-        weights = stabilization.weights[facet].swapaxes(2, 3)
-        directions = (weights @ values.elastic_opening[:, None, :, None])[..., 0]
-        if self._jump:
-            more = np.einsum("pij,pj->pi", stabilization.delta_s[facet], values.jump)
-            directions += np.stack([-more, more], axis=1)
+        directions = adjoint_directions(stabilization, values, self._quadrature.facet, self._jump)
         found = []
         for a, sign in enumerate((1, -1)):
             self._quadrature.write(self._directions[a], sign * directions[:, a])

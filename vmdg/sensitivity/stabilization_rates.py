@@ -14,7 +14,7 @@ from ..interface.stabilization import Stabilization
 from ..problem.problem import Problem
 from ..problem.states import Rate
 from .parameters import Parameter
-from .records import difference, zeros
+from .records import difference, shifted, zeros
 
 Array = NDArray[np.float64]
 
@@ -65,13 +65,19 @@ class StabilizationRates:
         # Elsewhere r is its lower bound.
         risen = [one.norm > low for one, low in zip(applied, floors, strict=True)]
         loading, t = self._problem.loading, self._problem.t
-        u = self._problem.u.x.array.copy()
+        u, values = self._problem.u.x.array.copy(), [active.values for active in self._actives]
         self._problem.u.x.array[:] = start.u
         loading.move(start.t)
-        ends = [
-            self._at(parameter, LATER, rate.u, floors, last, risen)
-            for parameter, rate, last in zip(parameters, rates, before, strict=True)
-        ]
+        ends = []
+        for parameter, rate, last in zip(parameters, rates, before, strict=True):
+            # The pressure of a mean dilatation is that of the tractions there.
+            for active, one, moved in zip(
+                self._actives, start.interfaces, rate.interfaces, strict=True
+            ):
+                active.values = shifted(one.values, moved.values, LATER)
+            ends.append(self._at(parameter, LATER, rate.u, floors, last, risen))
+        for active, one in zip(self._actives, values, strict=True):
+            active.values = one
         self._problem.u.x.array[:] = u
         loading.move(t)
         self._parts.update_means(pressure=True)

@@ -88,12 +88,12 @@ class Plain:
         load = sum((ufl.inner(f, eta) * outer(tag) for tag, f in given), start=ufl.Form([]))
         options = VECTORIZED if d == 3 else JIT_OPTIONS
         self._residual, self._tangent = (
-            compile_form(form, [], mesh.comm, options)
+            compile_form(form, mesh.comm, options)
             for form in (residual, ufl.derivative(residual, u, du))
         )
         self._load = np.zeros_like(u.x.array)
         if loads:
-            fem.assemble_vector(self._load, compile_form(load, [], mesh.comm, options))
+            fem.assemble_vector(self._load, compile_form(load, mesh.comm, options))
         self.matrix = fem_petsc.create_matrix(self._tangent)
         self.matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._forces = fem.Function(self.space).x
