@@ -33,11 +33,6 @@ def flux_weights(delta: Expr) -> tuple[Expr, Expr]:
     return delta, ufl.Identity(delta.ufl_shape[0]) - delta
 
 
-def penalty(tau: Expr, s: Expr) -> Expr:
-    """tau_s.s; ``tau`` a tensor (tied) or the scalar r = |tau_s| (57) [MPa/mm]."""
-    return tau * s if tau.ufl_shape == () else ufl.dot(tau, s)
-
-
 def one_sided_tractions(
     bodies: tuple[Body, Body], geometry: Geometry, u: Expr, N: Expr
 ) -> tuple[Expr, Expr]:
@@ -65,8 +60,8 @@ def flux_term(eta: Expr, mean: Expr) -> Expr:
 
 
 def penalty_term(eta: Expr, tau: Expr, s: Expr) -> Expr:
-    """g(eta).tau_s.s, fourth term of (27)."""
-    return ufl.dot(opening(eta), penalty(tau, s))
+    """g(eta).tau_s.s, fourth term of (27); tau_s = r I (57) where the law can fail."""
+    return ufl.dot(opening(eta), ufl.dot(tau, s))
 
 
 def adjoint_term(
@@ -159,7 +154,7 @@ def energy(
     """
     s = opening(u) if zeta is None else opening(u) - zeta
     tractions = one_sided_tractions(bodies, geometry, u, N)
-    stored = ufl.dot(mean_traction(tractions, delta), s) + ufl.dot(s, penalty(tau, s)) / 2
+    stored = ufl.dot(mean_traction(tractions, delta), s) + ufl.dot(s, ufl.dot(tau, s)) / 2
     if delta_s is None:
         return stored
     jump = traction_jump(tractions)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,6 +83,21 @@ def facet_submesh(mesh: Mesh, facets: NDArray[np.int32]) -> FacetSubmesh:
     inverse = np.full(parent_facets.size_local + parent_facets.num_ghosts, -1, dtype=np.int32)
     inverse[entity_map] = np.arange(len(entity_map), dtype=np.int32)
     return FacetSubmesh(submesh, np.asarray(entity_map), {submesh: inverse})
+
+
+def form(integrand: ufl.Form, submeshes: Sequence[FacetSubmesh], jit_options: dict) -> fem.Form:
+    """Compile ``integrand``, whose coefficients may live on the given submeshes too."""
+    entity_maps: Any
+    if _NEW:
+        entity_maps = [submesh.entity_map for submesh in submeshes]
+    else:
+        entity_maps = {}
+        for submesh in submeshes:
+            entity_maps |= submesh.entity_map
+    compiled = fem.form(integrand, jit_options=jit_options, entity_maps=entity_maps)
+    # fem.form leaves a reference cycle, which keeps the meshes and their communicators alive.
+    entity_maps.clear()
+    return compiled
 
 
 def forget_traversals() -> None:

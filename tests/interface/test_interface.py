@@ -28,7 +28,6 @@ from support.scenes import (
 )
 
 import vmdg
-from vmdg import compat
 from vmdg.base.kernels import compile_form
 from vmdg.base.quadrature import facet_degree
 from vmdg.domain.shapes import places_in_cells

@@ -32,7 +32,7 @@ import vmdg
 from vmdg import Mode, NamedTags, compat
 from vmdg.base.parallel import global_sum
 from vmdg.domain.topology import facet_cells, tags_of_cells
-from vmdg.interface.active import pair_flux
+from vmdg.interface.active import interface_flux
 from vmdg.interface.coercivity import margin
 from vmdg.meshes import apart, blocks
 from vmdg.output.values import facet_scalar, scalar
@@ -160,7 +160,7 @@ def test_balance(cell, law):
     d = scene.mesh.geometry.dim
     forces = np.zeros_like(problem.u.x.array)
     nodes = problem.space.dofmap.list
-    active.point_tangent.add_forces(pair_flux(active), nodes, forces)
+    active.point_tangent.add_forces(interface_flux(active), nodes, forces)
     forces = forces.reshape(-1, d)
     x = problem.space.tabulate_dof_coordinates()[:, :d] + problem.u.x.array.reshape(-1, d)
     scale = np.abs(forces).sum()

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
-import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from support.checks import directions, global_norm, modes, multiply, tangent_error, tangent_matrix
 from support.problems import displace, joined, partly_damaged

@@ -30,7 +30,7 @@ from dolfinx.la import InsertMode
 from numpy.typing import NDArray
 
 from ..base.timers import timer
-from ..interface.active import ActiveInterface, pair_flux
+from ..interface.active import ActiveInterface, interface_flux
 from ..interface.jets import FacetJets
 from ..interface.point_flux import FluxChange
 from .point_matrices import add_couplings, add_fields, create_matrix, sparsity
@@ -115,9 +115,10 @@ class Dilatation:
         of_pairs = np.zeros_like(self._pressure.x.array)
         dofs = self._pressure.function_space.dofmap.list[:, 0]
         for active in self._weak_form.active:
-            if (flux := pair_flux(active)) is not None:
+            if active.stabilization is not None:
                 cells = active.facets.cells[active.quadrature.facet]
-                np.add.at(of_pairs, dofs[cells], active.point_tangent.jets.on_dilatation(flux))
+                forces = active.point_tangent.jets.on_dilatation(interface_flux(active))
+                np.add.at(of_pairs, dofs[cells], forces)
         self._average(self._pressure, self._pressures, of_pairs)
 
     def _average(self, function: fem.Function, form: fem.Form, more: Array | float = 0.0) -> None:

@@ -26,8 +26,8 @@ from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
 from ..interface.active import (
     ActiveInterface,
-    pair_energy,
-    pair_flux,
+    interface_energy,
+    interface_flux,
     recoverable_energy,
     update_points,
 )
@@ -37,6 +37,7 @@ from ..interface.jets import FacetJets
 from ..interface.moving import MovingInterface
 from ..interface.point_flux import FluxChange, PointFlux
 from ..interface.stabilization import Stabilization, Stabilizers
+from ..interface.symbolic import SymbolicInterface, is_symbolic
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .means import MeanSpace
@@ -81,11 +82,14 @@ class Discretization:
         facets: Open facets of every interface, on this rank.
         degree: Degree of the displacement.
         lattice: Lattice of a periodic cell; None for other bodies.
+        symbolic: Integrate the interface terms of (27) over interior facets in UFL where that form
+            exists, see :func:`.is_symbolic`; elsewhere, and if False, they are sums over points.
 
     Attributes:
         mesh: As given.
         bodies: As given.
         degree: As given.
+        symbolic: As given.
         geometry: Gradient and measure.
         means: Unknown means of a periodic cell, or F_33; None for none.
         space: Broken space, for a periodic cell that of the fluctuation.
@@ -105,10 +109,12 @@ class Discretization:
         facets: Sequence[InterfaceFacets],
         degree: int,
         lattice: Lattice | None = None,
+        symbolic: bool = True,
     ):
         self.mesh = mesh
         self.bodies = bodies
         self.degree = degree
+        self.symbolic = symbolic
         self.geometry = bodies.geometry
         cut = np.concatenate([f.cut for f in facets] or [np.zeros(0, dtype=np.int32)])
         broken = broken_space(mesh, degree, cut.astype(np.int32))
@@ -148,6 +154,7 @@ class Discretization:
         active = self.active[number]
         if active.fluid is None:
             active.take_fluid()
+            self.__dict__.pop("_on_facets", None)
         return active
 
     @property
@@ -184,8 +191,19 @@ class Discretization:
         _ = self._bulk_residual, self._add_bodies
         if self._axial:
             _ = self._axial_residual
-        for active in self.active.values():
-            _ = active.point_tangent
+        _ = self._on_facets
+        for number, active in self.active.items():
+            active.compile(residual=number not in self._on_facets)
+
+    @cached_property
+    def _on_facets(self) -> dict[int, tuple[SymbolicInterface, fem.Form]]:
+        """Interfaces whose terms of (27) are integrated over interior facets, by number."""
+        found, eta = {}, ufl.TestFunction(self._test_space)
+        for number, active in self.active.items():
+            if self.symbolic and is_symbolic(active, self.bodies):
+                one = SymbolicInterface(active, self.u, self.bodies)
+                found[number] = one, one.compile(one.residual(eta))
+        return found
 
     @cached_property
     def _bulk_residual(self) -> fem.Form:
@@ -382,11 +400,18 @@ class Discretization:
             Force on F_33, on this rank.
         """
         axial = 0.0
-        for active in self.active.values():
-            if (flux := pair_flux(active)) is not None:
-                add_uniform(vector, self._test_space.dofmap.list, active, flux)
-                if self._axial:
-                    axial += float(active.point_tangent.jets.of_gradient(_ALONG_Z) @ flux.sum(0))
+        for number, active in self.active.items():
+            if active.stabilization is None:
+                continue
+            if number in self._on_facets:
+                symbolic, form = self._on_facets[number]
+                symbolic.update()
+                fem.assemble_vector(vector, form)
+                continue
+            flux = interface_flux(active)
+            add_uniform(vector, self._test_space.dofmap.list, active, flux)
+            if self._axial:
+                axial += float(active.point_tangent.jets.of_gradient(_ALONG_Z) @ flux.sum(0))
         return axial
 
     def _nodal_forces(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -515,7 +540,7 @@ class Discretization:
         stored = np.zeros(3)
         stored[0] = fem.assemble_scalar(self._energy_form)
         stored[1] = float(self.geometry.thickness) * sum(
-            recoverable_energy(active) + pair_energy(active) for active in self.active.values()
+            recoverable_energy(active) + interface_energy(active) for active in self.active.values()
         )
         stored[2] = self.surface.spring_energy()
         return stored

@@ -11,7 +11,7 @@ import json
 import random
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +43,9 @@ T = TypeVar("T")
 
 #: FFCx's message for a kernel that another process has claimed.
 _CLAIMED = "JIT compilation timed out"
+
+#: C function of points.c.
+_EVALUATE = "void evaluate(long" + 5 * ", void *" + ");"
 
 # gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
 # the default register allocator is slow on the straight-line code of the interface.
@@ -136,6 +139,7 @@ def compile_form(
     comm: MPI.Comm,
     options: dict = JIT_OPTIONS,
     name: str = "form",
+    submeshes: Sequence[compat.FacetSubmesh] = (),
 ) -> fem.Form:
     """Compile a form, or load it from the cache; collective.
 
@@ -144,6 +148,7 @@ def compile_form(
         comm: Communicator of the mesh.
         options: Options of DOLFINx's just-in-time compiler.
         name: For :data:`requested`.
+        submeshes: Further meshes on which coefficients live.
     """
     start = perf_counter()
     # Python's import system lists the whole folder for every kernel it loads. With thousands of
@@ -151,7 +156,7 @@ def compile_form(
     folder_name = form.signature()[:2]
     with timer("kernels"):
         compiled = _compiled(
-            comm, options, folder_name, lambda ordered: fem.form(form, jit_options=ordered)
+            comm, options, folder_name, lambda ordered: compat.form(form, submeshes, ordered)
         )
     _record(name, start, compiled.code)
     return compiled
@@ -245,7 +250,7 @@ class PointKernel:
         self._constants, self._size = extract_constants(given), expression.ufl_shape[0]
         address = cffi.FFI().cast("uintptr_t", code.tabulate_tensor_float64)
         self._address = np.array([int(address)], dtype=np.uintp)
-        source, declaration = Path(__file__).with_name("points.c"), f"void evaluate(long{', void *' * 5});"
+        source, declaration = Path(__file__).with_name("points.c"), _EVALUATE
         self._module = compile_source(source, declaration, {}, comm, "points")
 
     def __call__(self, rows: NDArray[np.integer] | slice) -> NDArray[np.float64]:

@@ -55,7 +55,7 @@ class ActiveInterface:
         quadrature: Its quadrature points.
         turns: Whether the law works in a frame that rotates with the interface.
         stabilizer: Derives and scales tau_s.
-        terms: Its terms of (27) at the points.
+        terms: Its terms of (27) and (30) at the points.
         stabilization: Stabilization in the forms; None before the first :meth:`apply`.
         floor: Largest r so far (nf,) [MPa/mm], a lower bound for the next step.
         history: Converged history of the points.
@@ -76,7 +76,6 @@ class ActiveInterface:
         self._u, self._bodies = u, bodies
         self.stabilizer = self._make_stabilizer()
         self.fluid: Fluid | None = None
-        self.terms: PointResidual
         self._make_evaluators()
         self.stabilization: Stabilization | None = None
         self.floor = np.zeros(len(facets.facets))
@@ -136,10 +135,7 @@ class ActiveInterface:
         q, values = self.quadrature, self.values
         s, jump = values.elastic_opening, values.jump
         weights = (after.weights - before.weights)[q.facet, 0]
-        if self.law.inelastic or self.turns:
-            penalty = (after.norm - before.norm)[q.facet, None] * s
-        else:
-            penalty = apply((after.tau - before.tau)[q.facet], s)
+        penalty = apply((after.penalty - before.penalty)[q.facet], s)
         energy = np.einsum("pi,pi->p", s, apply(weights, jump) + penalty / 2)
         if self.interface.traction_jump:
             delta_s = (after.delta_s - before.delta_s)[q.facet]
@@ -211,6 +207,13 @@ class ActiveInterface:
         """Store the result of a return map at the points, of which the residual is made."""
         self.values = values
 
+    def compile(self, residual: bool) -> None:
+        """Compile the kernels of the tangent now, and those of the residual if it is a sum over
+        points; collective."""
+        _ = self.point_tangent
+        if residual:
+            self.terms.compile()
+
     @cached_property
     def point_tangent(self) -> PointTangent:
         """The tangent at the points; compiles its kernels, collective."""
@@ -218,7 +221,6 @@ class ActiveInterface:
             self.quadrature,
             self._u,
             self._bodies,
-            scalar=self.law.inelastic or self.turns,
             jump=self.interface.traction_jump,
             fluid=None if self.fluid is None else self.fluid.pressure,
         )
@@ -399,16 +401,13 @@ def damage_work(active: ActiveInterface, points: NDArray[np.bool_] | slice = sli
     return float(work[points] @ weights[points])
 
 
-def pair_flux(active: ActiveInterface) -> NDArray[np.float64] | None:
-    """The interface terms of (27) with dA, conjugate to jets at the points (nq, jet); None before
-    tau_s is known."""
-    if active.stabilization is None:
-        return None
+def interface_flux(active: ActiveInterface) -> NDArray[np.float64]:
+    """The interface terms of (27) with dA, conjugate to jets at the points (nq, jet)."""
     areas = active.point_tangent.areas
     return active.terms(active.stabilization, active.values) * areas[:, None]
 
 
-def pair_energy(active: ActiveInterface) -> float:
+def interface_energy(active: ActiveInterface) -> float:
     """Energy (30) at this rank's points [N mm; N in plane strain]."""
     if active.stabilization is None:
         return 0.0

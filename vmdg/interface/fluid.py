@@ -1,6 +1,7 @@
 """The pressure of a fluid between the crack faces of an interface, at its points.
 
-Its forces are sums over the points, p a_1.eta_1 + p a_2.eta_2 with the current area vectors a of both sides, each outward and per area of side 1.
+Its forces are sums over the points, p a_1.eta_1 + p a_2.eta_2 with the current area vectors a of
+both sides, each outward and per area of side 1.
 """
 
 from __future__ import annotations

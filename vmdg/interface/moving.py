@@ -121,7 +121,7 @@ class SurfaceStabilizer(Stabilizer):
         delta = np.zeros((count, 2, d, d))
         delta[: self._first, 0] = delta[self._first :, 1] = np.eye(d)
         one, tau = np.ones(count), np.tile(np.eye(d), (count, 1, 1))
-        return SurfaceStabilization(tau, delta, delta, np.zeros_like(tau), one, one, own)
+        return SurfaceStabilization(tau, delta, delta, tau, np.zeros_like(tau), one, one, own)
 
     def scaled(self, derived: Stabilization, factor: Array, floor: Array) -> Stabilization:
         """c of all facets, not below ``floor``."""
@@ -151,7 +151,7 @@ class SurfaceStabilizer(Stabilizer):
         one = np.eye(d)
         weights, tau = share[:, :, None, None] * one, r[:, None, None] * one
         both = tau1 @ bonded @ tau2
-        return PairStabilization(tau, delta, weights, both, r, r / size, known)
+        return PairStabilization(tau, delta, weights, tau, both, r, r / size, known)
 
     def check_softening(self, stabilization: Stabilization) -> None:
         """Not needed: r is automatic where there is a bond."""

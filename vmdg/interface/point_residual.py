@@ -4,11 +4,14 @@ With the jet j(eta) of :mod:`.jets` the terms are int j(eta).q dA, and the force
 
     q = (T, H_1^T.v_1 - M, H_2^T.v_2 - M),    v_a = delta_a^T.s,  H_a = (A.N)_a,
 
-with M of a rotating frame, and with the traction jump of (26) -+delta_s.[[P.N]] in v_a. Each side has its own area vector: P_2.M_2 and H_2 with
-M_2 = -N_2 dS_2/dS_1, or forces would not balance where the surfaces are not parallel.
+with M of a rotating frame, and with the traction jump of (26) -+delta_s.[[P.N]] in v_a. Each side
+has its own area vector: P_2.M_2 and H_2 with M_2 = -N_2 dS_2/dS_1, or forces would not balance
+where the surfaces are not parallel.
 """
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 from dolfinx import fem
@@ -17,7 +20,7 @@ from numpy.typing import NDArray
 from ..domain.materials import Bodies
 from ..forms import kinematics
 from .points import PointValues
-from .quadrature import InterfaceQuadrature
+from .quadrature import InterfaceQuadrature, SideEvaluators
 from .stabilization import Stabilization
 
 Array = NDArray[np.float64]
@@ -26,7 +29,7 @@ Array = NDArray[np.float64]
 def adjoint_directions(
     stabilization: Stabilization, values: PointValues, facet: NDArray[np.int32], jump: bool
 ) -> Array:
-    """v_1 and v_2 of the adjoint term of (27), or with the traction jump of (26) (nq, 2, d) [mm]."""
+    """v_1 and v_2 of the adjoint term of (27), with the traction jump of (26) (nq, 2, d) [mm]."""
     weights = stabilization.weights[facet].swapaxes(2, 3)
     directions = (weights @ values.elastic_opening[:, None, :, None])[..., 0]
     if jump:
@@ -55,19 +58,27 @@ class PointResidual:
         fluid: fem.Function | None = None,
     ):
         self._quadrature, self._jump = quadrature, jump
+        self._u, self._bodies, self._fluid = u, bodies, fluid
         d, geometry = quadrature.d, quadrature.geometry
-        n = geometry.size(d)
+        self._n = n = geometry.size(d)
         self._columns = [i * n + j for i, j in geometry.entries(d)]
         self._directions = [fem.Function(quadrature.space((d,))) for _ in range(2)]
-        self._adjoint = quadrature.side_evaluators(
-            u,
-            bodies,
-            (n, n),
+
+    def compile(self) -> None:
+        """Compile the kernels now; collective."""
+        _ = self._adjoint
+
+    @cached_property
+    def _adjoint(self) -> SideEvaluators:
+        return self._quadrature.side_evaluators(
+            self._u,
+            self._bodies,
+            (self._n, self._n),
             lambda body, F, N, a: kinematics.projected_traction_moduli(
                 body, F, N, self._directions[a]
             ),
             "adjoint term",
-            fluid=fluid,
+            fluid=self._fluid,
         )
 
     def __call__(self, stabilization: Stabilization, values: PointValues) -> Array:
@@ -101,10 +112,7 @@ class PointResidual:
             values: At the points.
         """
         quadrature, s = self._quadrature, values.elastic_opening
-        if values.gap is None and values.rotation is None:
-            penalty = np.einsum("pij,pj->pi", stabilization.tau[quadrature.facet], s)
-        else:
-            penalty = stabilization.norm[quadrature.facet, None] * s
+        penalty = np.einsum("pij,pj->pi", stabilization.penalty[quadrature.facet], s)
         density = np.einsum("pi,pi->p", values.traction - penalty / 2, s)
         if self._jump:
             delta_s = stabilization.delta_s[quadrature.facet]

@@ -134,7 +134,8 @@ class ReturnMap:
         if self._quadrature.distance is not None:
             opening += self._quadrature.distance
         if not self._law.inelastic and self._frame is None:
-            return Trial(mean + apply(stabilization.tau[facet], opening), opening, jump, N)
+            total = mean + apply(stabilization.penalty[facet], opening)
+            return Trial(total, opening, jump, N)
         F, frame = None, ()
         if self._frame is not None:
             gradient = flux1[:, 2 * d :]
@@ -145,7 +146,7 @@ class ReturnMap:
             if initial_gap is not None:
                 opening += initial_gap - apply(frame[0], initial_gap)
         r = stabilization.norm[facet]
-        total = mean + r[:, None] * opening
+        total = mean + apply(stabilization.penalty[facet], opening)
         known = (
             total,
             opening,

@@ -39,6 +39,8 @@ class Stabilization:
         delta: Flux weights delta_1, delta_2 of (23) (nf, 2, d, d).
         weights: Flux weights of the forms: delta, or its isotropic part for a rotating frame (nf,
             2, d, d).
+        penalty: tau_s of the forms (nf, d, d) [MPa/mm]: ``tau``, or r I where the law can fail, so
+            that r is also that of the return map, or where its frame turns.
         delta_s: (tau_1^-1 + tau_2^-1)^-1 of (25)-(26), without safety (nf, d, d) [mm3/N].
         norm: |tau_s|, the scalar r of (57) (nf,) [MPa/mm].
         safety: Factor in ``tau`` and ``norm`` on the derived tau_s (nf,).
@@ -47,6 +49,7 @@ class Stabilization:
     tau: NDArray[np.float64]
     delta: NDArray[np.float64]
     weights: NDArray[np.float64]
+    penalty: NDArray[np.float64]
     delta_s: NDArray[np.float64]
     norm: NDArray[np.float64]
     safety: NDArray[np.float64]
@@ -55,14 +58,13 @@ class Stabilization:
     def empty(cls, d: int) -> Stabilization:
         """Stabilization of an interface with no open facet."""
         tensors, pairs, numbers = np.zeros((0, d, d)), np.zeros((0, 2, d, d)), np.zeros(0)
-        return cls(tensors, pairs, pairs, tensors, numbers, numbers)
+        return cls(tensors, pairs, pairs, tensors, tensors, numbers, numbers)
 
     def with_norm(self, norm: NDArray[np.float64]) -> Stabilization:
         """The same with tau_s scaled to the norm ``norm`` (nf,) [MPa/mm]."""
         factor = norm / self.norm
-        return replace(
-            self, tau=factor[:, None, None] * self.tau, norm=norm, safety=factor * self.safety
-        )
+        tau, penalty = (factor[:, None, None] * one for one in (self.tau, self.penalty))
+        return replace(self, tau=tau, penalty=penalty, norm=norm, safety=factor * self.safety)
 
 
 class BubbleIntegrals:
@@ -212,15 +214,11 @@ class Stabilizer:
             weights = share[:, :, None, None] * np.eye(d)
         order = "fro" if self.interface.norm == "frobenius" else 2
         norm = np.linalg.norm(tau, ord=order, axis=(1, 2))
+        scalar = self.interface.law.inelastic or self._turns
+        penalty = norm[:, None, None] * np.eye(d) if scalar else tau
         delta_s = tau1 @ bonded @ tau2
-        return Stabilization(tau, delta, weights, delta_s, norm, np.full(number, float(safety)))
-
-    def penalty(self, stabilization: Stabilization) -> NDArray[np.float64]:
-        """The penalty of the forms as a tensor (nf, d, d) [MPa/mm]: r I where the law can fail or
-        its frame turns."""
-        if not (self.interface.law.inelastic or self._turns):
-            return stabilization.tau
-        return stabilization.norm[:, None, None] * np.eye(self._quadrature.d)
+        safeties = np.full(number, float(safety))
+        return Stabilization(tau, delta, weights, penalty, delta_s, norm, safeties)
 
     def scaled(
         self,
@@ -412,7 +410,7 @@ class Stabilizers:
             self._coercivity = Coercivity(self._u, self._bodies, facets)
         with timer("coercivity"):
             found = self._coercivity(
-                [self._interfaces[i].penalty(derived[i]) for i in chosen],
+                [derived[i].penalty for i in chosen],
                 [derived[i].weights for i in chosen],
                 None if needed is None else [needed[i] for i in chosen],
             )

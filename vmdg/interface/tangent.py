@@ -45,7 +45,6 @@ class PointTangent:
         quadrature: Facet points.
         u: Displacement.
         bodies: Materials.
-        scalar: The form has the scalar r for tau_s, since the law has a gap or its frame turns.
         jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
 
@@ -61,7 +60,6 @@ class PointTangent:
         u: fem.Function,
         bodies: Bodies,
         *,
-        scalar: bool,
         jump: bool,
         fluid: fem.Function | None = None,
     ):
@@ -73,7 +71,7 @@ class PointTangent:
         # All entries of GRAD in order need no copy.
         columns = [i * n + j for i, j in self._entries]
         self._columns = slice(None) if columns == list(range(n * n)) else columns
-        self._scalar, self._jump = scalar, jump
+        self._jump = jump
         self._module = compile_source(
             Path(__file__).with_suffix(".c"),
             _DECLARATIONS,
@@ -143,10 +141,6 @@ class PointTangent:
         """
         quadrature = self._quadrature
         facet, d, size = quadrature.facet, quadrature.d, self.jets.size
-        if self._scalar:
-            tau = stabilization.norm[facet, None, None] * np.eye(d)
-        else:
-            tau = stabilization.tau[facet]
         # The kernels use the outward normal of their side, -N on side 2.
         shape = -1, d, quadrature.geometry.size(d) ** 2
         self.moduli = H = [
@@ -163,7 +157,7 @@ class PointTangent:
         call(
             self._module,
             "point_tangents",
-            *(self.areas, stabilization.weights[facet], tau, *H, *K),
+            *(self.areas, stabilization.weights[facet], stabilization.penalty[facet], *H, *K),
             *(compliance, *changes, turned, delta_s, D, traction),
         )
         return D, traction

@@ -34,6 +34,8 @@ from ..interface.interface import Interface, interface_names
 from ..interface.pairing import NONMATCHING, PairedFacets
 from ..materials.point import PointMaterial
 
+SYMBOLIC = "symbolic"
+RESIDUALS = SYMBOLIC, "points"
 KINEMATICS = ("finite", "small")
 GENERALIZED = "generalized strain"
 PLANES = ("strain", GENERALIZED, "stress")
@@ -329,8 +331,8 @@ def _at_rest(mesh: Mesh, material: Material) -> tuple[NDArray[np.float64], NDArr
     return rows[0, :9].reshape(3, 3), rows[0, 9:]
 
 
-def check_approximation(mesh: Mesh, degree: int, kinematics: str) -> None:
-    """Check the degree, also against that of the cells, and the kinematics.
+def check_approximation(mesh: Mesh, degree: int, kinematics: str, residual: str) -> None:
+    """Check the degree, also against that of the cells, the kinematics and the residual.
 
     In a curved cell with X(xi) of degree p, displacements u(xi) of degree k < p do not contain
     affine functions of X: for a constant strain grad u, and the tractions of an interface, would
@@ -343,6 +345,11 @@ def check_approximation(mesh: Mesh, degree: int, kinematics: str) -> None:
         raise ValueError(f"Problem: degree = {degree!r} must be an integer, at least 1")
     if kinematics not in KINEMATICS:
         raise ValueError(f"Problem: kinematics = {kinematics!r} must be one of {KINEMATICS}")
+    if residual not in RESIDUALS:
+        raise ValueError(
+            f"Problem: residual = {residual!r} must be one of {RESIDUALS}: how the interface terms "
+            "of (27) are summed"
+        )
     geometry = compat.coordinate_element(mesh).degree
     if geometry > degree:
         raise ValueError(

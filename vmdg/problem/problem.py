@@ -49,6 +49,7 @@ from ..interface.points import InterfaceState
 from ..interface.stabilization import Stabilization
 from .arguments import (
     GENERALIZED,
+    SYMBOLIC,
     check_approximation,
     check_faces,
     check_mesh,
@@ -110,6 +111,11 @@ class Problem:
         density: Mass per reference volume by tag, for :func:`vmdg.solve_dynamics`; with N, mm and s
             in t/mm3. None for statics.
         damping: Rayleigh damping of the bodies in motion; None for none.
+        residual: "symbolic" integrates the interface terms of (27) as they are written in UFL over
+            interior facets, where that form exists: elastic bodies on one mesh, with facets open
+            from the start, without eigenstrain, mean dilatation, generalized plane strain or
+            fluid. Everywhere else, and with "points", they are summed over the points by the
+            kernels that the tangent has too; both agree to rounding.
 
     Attributes:
         mesh: As given.
@@ -143,10 +149,11 @@ class Problem:
         plane: str | GeneralizedStrain = "strain",
         density: Mapping[Group, float] | None = None,
         damping: Rayleigh | None = None,
+        residual: str = "symbolic",
     ):
         self.interfaces = checked_interfaces(interfaces)
         check_mesh(mesh, cell_tags)
-        check_approximation(mesh, degree, kinematics)
+        check_approximation(mesh, degree, kinematics, residual)
         repeats = checked_periodic(periodic) is not None
         self._names = names = names_of(cell_tags)
         materials = by_tag(checked_materials(materials), names, "materials")
@@ -193,7 +200,10 @@ class Problem:
             check_faces(mesh, tags, lattice, self.interfaces, facets)
         activation = Activation(mesh, self.interfaces, facets, bodies, degree)
         opened = activation.facets_among(activation.open)
-        discretization = Discretization(mesh, bodies, self.interfaces, opened, degree, lattice)
+        symbolic = residual == SYMBOLIC
+        discretization = Discretization(
+            mesh, bodies, self.interfaces, opened, degree, lattice, symbolic
+        )
         self.loading = Loading(discretization, activation, names)
         self.load_factor = self.loading.load_factor
         drives = periodic.drives(self.comm, mesh.geometry.dim, bodies.small) if repeats else []

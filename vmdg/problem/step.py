@@ -453,7 +453,9 @@ class Step:
         facets = self.activation.facets_among(marks)
         interfaces = self.activation.interfaces
         lattice = lattice_of(now.means)
-        return Discretization(now.mesh, now.bodies, interfaces, facets, now.degree, lattice)
+        return Discretization(
+            now.mesh, now.bodies, interfaces, facets, now.degree, lattice, now.symbolic
+        )
 
     def open_facets(self, utilization: Utilization) -> bool:
         """Open the closed facets whose utilization is high enough; collective.

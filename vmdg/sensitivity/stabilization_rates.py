@@ -113,7 +113,7 @@ def _where_own(near: Stabilization, here: Stabilization, last: Stabilization) ->
     r, which its start does not tell."""
     rate = difference(near, here, LATER)
     own = np.abs(near.norm - here.norm) <= RAISED * here.norm
-    rows = {"tau": rate.tau, "norm": rate.norm, "safety": rate.safety}
+    rows = {name: getattr(rate, name) for name in ("tau", "penalty", "norm", "safety")}
     for name, values in rows.items():
         mask = own.reshape(-1, *[1] * (values.ndim - 1))
         rows[name] = np.where(mask, values, getattr(last, name))
