@@ -76,7 +76,7 @@ def test_two_ways(comm, cell, degree, law, interface, options):
         problem = joined(scene, law, materials, interface, degree=degree, residual=way, **options)
         rng = np.random.default_rng(5)
         parts = problem.discretization
-        assert bool(parts._on_facets) == (way == "symbolic")
+        assert (parts.weak_form.on_facets[0] is None) == (way == "points")
         noise = fem.Function(problem.space)
 
         def moved(factor, problem=problem, noise=noise, rng=rng):
@@ -133,5 +133,6 @@ def test_unknown_way_is_refused(comm):
 def test_products_of_features_are_sums_over_points(comm, options):
     """(27) is integrated over facets for plain elastic bodies only."""
     scene = two_blocks(comm, "quadrilateral")
-    assert joined(scene, vmdg.Bonded()).discretization._on_facets
-    assert not joined(scene, vmdg.Bonded(), **options).discretization._on_facets
+    for given, way in (({}, True), (options, False)):
+        problem = joined(scene, vmdg.Bonded(), **given)
+        assert [bool(one) for one in problem.discretization.weak_form.on_facets] == [way]

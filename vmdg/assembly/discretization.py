@@ -37,7 +37,6 @@ from ..interface.jets import FacetJets
 from ..interface.moving import MovingInterface
 from ..interface.point_flux import FluxChange, PointFlux
 from ..interface.stabilization import Stabilization, Stabilizers
-from ..interface.symbolic import SymbolicInterface, is_symbolic
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .means import MeanSpace
@@ -89,7 +88,6 @@ class Discretization:
         mesh: As given.
         bodies: As given.
         degree: As given.
-        symbolic: As given.
         geometry: Gradient and measure.
         means: Unknown means of a periodic cell, or F_33; None for none.
         space: Broken space, for a periodic cell that of the fluctuation.
@@ -114,7 +112,6 @@ class Discretization:
         self.mesh = mesh
         self.bodies = bodies
         self.degree = degree
-        self.symbolic = symbolic
         self.geometry = bodies.geometry
         cut = np.concatenate([f.cut for f in facets] or [np.zeros(0, dtype=np.int32)])
         broken = broken_space(mesh, degree, cut.astype(np.int32))
@@ -139,7 +136,7 @@ class Discretization:
             tuple[ActiveInterface, NDArray[np.float64], FluxChange | None]
         ] = []
         self._patterns = 0
-        self.weak_form = WeakForm(self.u, bodies, active)
+        self.weak_form = WeakForm(self.u, bodies, active, broken, symbolic)
         self._dilatation = Dilatation(self.weak_form) if bodies.mean_dilatation else None
         self.surface = Surface(self.u, bodies)
         self._at_points = bodies.points
@@ -154,7 +151,6 @@ class Discretization:
         active = self.active[number]
         if active.fluid is None:
             active.take_fluid()
-            self.__dict__.pop("_on_facets", None)
         return active
 
     @property
@@ -191,19 +187,8 @@ class Discretization:
         _ = self._bulk_residual, self._add_bodies
         if self._axial:
             _ = self._axial_residual
-        _ = self._on_facets
-        for number, active in self.active.items():
-            active.compile(residual=number not in self._on_facets)
-
-    @cached_property
-    def _on_facets(self) -> dict[int, tuple[SymbolicInterface, fem.Form]]:
-        """Interfaces whose terms of (27) are integrated over interior facets, by number."""
-        found, eta = {}, ufl.TestFunction(self._test_space)
-        for number, active in self.active.items():
-            if self.symbolic and is_symbolic(active, self.bodies):
-                one = SymbolicInterface(active, self.u, self.bodies)
-                found[number] = one, one.compile(one.residual(eta))
-        return found
+        for active, on_facets in zip(self.active.values(), self.weak_form.on_facets, strict=True):
+            active.compile(residual=on_facets is None)
 
     @cached_property
     def _bulk_residual(self) -> fem.Form:
@@ -400,13 +385,11 @@ class Discretization:
             Force on F_33, on this rank.
         """
         axial = 0.0
-        for number, active in self.active.items():
+        for active, on_facets in zip(self.active.values(), self.weak_form.on_facets, strict=True):
             if active.stabilization is None:
                 continue
-            if number in self._on_facets:
-                symbolic, form = self._on_facets[number]
-                symbolic.update()
-                fem.assemble_vector(vector, form)
+            if on_facets is not None and active.fluid is None:
+                on_facets.add_to(vector)
                 continue
             flux = interface_flux(active)
             add_uniform(vector, self._test_space.dofmap.list, active, flux)

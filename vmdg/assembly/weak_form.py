@@ -1,8 +1,9 @@
-"""The terms of (27) and (85) on bodies in UFL; those on interfaces are sums over points."""
+"""The terms of (27) and (85) in UFL: on bodies, and of (27) on the facets of plain interfaces."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 import ufl
@@ -16,6 +17,7 @@ from ..domain.materials import Bodies
 from ..forms import kinematics
 from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface
+from ..interface.symbolic import SymbolicInterface, is_symbolic
 
 #: Of all local cells.
 Marks = NDArray[np.bool_]
@@ -28,20 +30,32 @@ class WeakForm:
         u: Displacement.
         bodies: Materials.
         active: Interfaces with open facets.
+        test_space: Space of the test functions of nodal forces.
+        symbolic: Integrate the terms of interfaces over interior facets where that form exists.
 
     Attributes:
         u: As given.
         space: Space of the displacement.
         active: As given.
         geometry: Gradient and measure.
+        symbolic: As given.
     """
 
-    def __init__(self, u: fem.Function, bodies: Bodies, active: Sequence[ActiveInterface]):
+    def __init__(
+        self,
+        u: fem.Function,
+        bodies: Bodies,
+        active: Sequence[ActiveInterface],
+        test_space: fem.FunctionSpace,
+        symbolic: bool,
+    ):
         self.u = u
         self.space = u.function_space
         self.geometry = bodies.geometry
         self._bodies = bodies
         self.active = active
+        self.symbolic = symbolic
+        self._test_space = test_space
         self._mesh = mesh = self.space.mesh
         degree = self.space.ufl_element().degree
         self._dx = ufl.Measure(
@@ -52,6 +66,18 @@ class WeakForm:
                 "quadrature_degree": bulk_degree(mesh.topology.cell_name(), degree, self.geometry)
             },
         )
+
+    @cached_property
+    def on_facets(self) -> list[SymbolicInterface | None]:
+        """The terms of (27) of every interface on interior facets; None where they are sums over
+        points. Compiles their kernels, collective."""
+        eta = ufl.TestFunction(self._test_space)
+        return [
+            SymbolicInterface(one, self.u, self._bodies, eta)
+            if self.symbolic and is_symbolic(one, self._bodies)
+            else None
+            for one in self.active
+        ]
 
     def bulk_residual(self, eta: Expr, cells: Marks | None = None) -> ufl.Form:
         """First term of (27), of all cells or of some."""

@@ -56,6 +56,7 @@ class SymbolicInterface:
         active: The interface; its meshes match.
         u: Displacement.
         bodies: Materials.
+        eta: Test function of the residual; None to compile none.
 
     Attributes:
         active: As given.
@@ -65,7 +66,13 @@ class SymbolicInterface:
             their sides, of every pair of regions.
     """
 
-    def __init__(self, active: ActiveInterface, u: fem.Function, bodies: Bodies):
+    def __init__(
+        self,
+        active: ActiveInterface,
+        u: fem.Function,
+        bodies: Bodies,
+        eta: Expr | None = None,
+    ):
         self.active, self._u = active, u
         quadrature, facets = active.quadrature, active.facets
         mesh = quadrature.mesh
@@ -94,6 +101,7 @@ class SymbolicInterface:
         self._delta_s = fem.Function(tensor) if active.interface.traction_jump else None
         self._moment = fem.Function(tensor) if turns else None
         self._written: object = None
+        self._residual = None if eta is None else self.compile(self.residual(eta))
 
     def _space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
         """Space of values at the points (44)-(45), on the mesh of the facets."""
@@ -142,6 +150,11 @@ class SymbolicInterface:
             self._write(self._zeta, values.gap)
         if self._moment is not None:
             self._write(self._moment, values.moment)
+
+    def add_to(self, vector: Array) -> None:
+        """Add the forces of (27), over local dofs before ghosts are added to owners [N]."""
+        self.update()
+        fem.assemble_vector(vector, self._residual)
 
     def residual(self, eta: Expr) -> ufl.Form:
         """Interface terms of (27), or of (26) with the traction jump."""

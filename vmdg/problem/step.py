@@ -454,7 +454,13 @@ class Step:
         interfaces = self.activation.interfaces
         lattice = lattice_of(now.means)
         return Discretization(
-            now.mesh, now.bodies, interfaces, facets, now.degree, lattice, now.symbolic
+            now.mesh,
+            now.bodies,
+            interfaces,
+            facets,
+            now.degree,
+            lattice,
+            now.weak_form.symbolic,
         )
 
     def open_facets(self, utilization: Utilization) -> bool:
