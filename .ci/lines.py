@@ -62,12 +62,12 @@ def main() -> None:
         for folder in folders:
             for path in files(root, folder):
                 name = "/".join(path.relative_to(root).parts[:-1][:depth])
-                for key in (name, part):
-                    rows.setdefault(key, Counter()).update(count(path.read_text("utf-8")))
-                    rows[key]["files"] += 1
-        for name, row in sorted(rows.items(), key=lambda item: item[0] == part):
+                row = rows.setdefault(name, Counter())
+                row.update(count(path.read_text("utf-8")))
+                row["files"] += 1
+        rows[f"**{part}**"] = sum(rows.values(), Counter())
+        for name, row in rows.items():
             numbers = [row["files"], *(row[kind] for kind in KINDS), sum(row[k] for k in KINDS)]
-            name = f"**{name}**" if name == part else name
             print(f"| {name} | {' | '.join(map(str, numbers))} |")
 
 
