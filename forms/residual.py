@@ -28,11 +28,6 @@ def section_gradients(w: Expr) -> Expr:
     return gradient("+") + gradient("-")
 
 
-def flux_weights(delta: Expr) -> tuple[Expr, Expr]:
-    """delta_1 and delta_2 = I - delta_1 of (23); since tau_s.(tau_1 + tau_2) = I they sum to I."""
-    return delta, ufl.Identity(delta.ufl_shape[0]) - delta
-
-
 def one_sided_tractions(
     bodies: tuple[Body, Body], geometry: Geometry, u: Expr, N: Expr
 ) -> tuple[Expr, Expr]:
@@ -43,10 +38,12 @@ def one_sided_tractions(
     )
 
 
-def mean_traction(tractions: tuple[Expr, Expr], delta: Expr) -> Expr:
-    """{P.N} = delta_1.P_1.N + delta_2.P_2.N, the weighted flux of (23), (d,) [MPa]."""
-    weights = flux_weights(delta)
-    return ufl.dot(weights[0], tractions[0]) + ufl.dot(weights[1], tractions[1])
+def mean_traction(tractions: tuple[Expr, Expr], delta: tuple[Expr, Expr]) -> Expr:
+    """{P.N} = delta_1.P_1.N + delta_2.P_2.N, the weighted flux of (23), (d,) [MPa].
+
+    Since tau_s.(tau_1 + tau_2) = I, delta_1 + delta_2 = I.
+    """
+    return ufl.dot(delta[0], tractions[0]) + ufl.dot(delta[1], tractions[1])
 
 
 def traction_jump(tractions: tuple[Expr, Expr]) -> Expr:
@@ -84,10 +81,9 @@ def adjoint_term(
     )
 
 
-def adjoint_directions(s: Expr, delta: Expr) -> tuple[Expr, Expr]:
+def adjoint_directions(s: Expr, delta: tuple[Expr, Expr]) -> tuple[Expr, Expr]:
     """v_a = delta_a^T.s: the test directions of {(GRAD eta : A).N}.s in (27)."""
-    weights = flux_weights(delta)
-    return ufl.dot(s, weights[0]), ufl.dot(s, weights[1])
+    return ufl.dot(s, delta[0]), ufl.dot(s, delta[1])
 
 
 def jump_directions(jump: Expr, delta_s: Expr) -> tuple[Expr, Expr]:
@@ -113,7 +109,7 @@ def residual(
     geometry: Geometry,
     u: Expr,
     N: Expr,
-    delta: Expr,
+    delta: tuple[Expr, Expr],
     tau: Expr,
     zeta: Expr | None,
     delta_s: Expr | None = None,
@@ -142,7 +138,7 @@ def energy(
     geometry: Geometry,
     u: Expr,
     N: Expr,
-    delta: Expr,
+    delta: tuple[Expr, Expr],
     tau: Expr,
     zeta: Expr | None,
     delta_s: Expr | None = None,

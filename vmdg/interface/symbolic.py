@@ -95,8 +95,9 @@ class SymbolicInterface:
         d = quadrature.d
         law, turns = active.law, active.turns
         tensor, vector = self._space((d, d)), self._space((d,))
-        # delta_1, tau_s, zeta, delta_s of the form, and M of a rotating frame.
-        self._delta, self._penalty = fem.Function(tensor), fem.Function(tensor)
+        # delta_1, delta_2, tau_s, zeta, delta_s of the form, and M of a rotating frame.
+        self._delta = fem.Function(tensor), fem.Function(tensor)
+        self._penalty = fem.Function(tensor)
         self._zeta = fem.Function(vector) if law.inelastic else None
         self._delta_s = fem.Function(tensor) if active.interface.traction_jump else None
         self._moment = fem.Function(tensor) if turns else None
@@ -141,7 +142,8 @@ class SymbolicInterface:
         stabilization, values = self.active.stabilization, self.active.values
         if self._written is not stabilization:
             facet = self.active.quadrature.facet
-            self._write(self._delta, stabilization.weights[facet, 0])
+            for a, delta in enumerate(self._delta):
+                self._write(delta, stabilization.weights[facet, a])
             self._write(self._penalty, stabilization.penalty[facet])
             if self._delta_s is not None:
                 self._write(self._delta_s, stabilization.delta_s[facet])
@@ -170,11 +172,12 @@ class SymbolicInterface:
         )
 
     def _sum(self, integrand: Callable[..., Expr]) -> ufl.Form:
-        """Integral of ``integrand(bodies, geometry, u, N, delta_1, tau_s, zeta, delta_s)``."""
+        """Integral of ``integrand(bodies, geometry, u, N, delta, tau_s, zeta, delta_s)``."""
         quadrature = self.active.quadrature
         geometry, N = quadrature.geometry, ufl.FacetNormal(quadrature.mesh)("+")
         zeta, delta_s = (None if f is None else f("+") for f in (self._zeta, self._delta_s))
-        known = geometry, self._u, N, self._delta("+"), self._penalty("+"), zeta, delta_s
+        delta = tuple(f("+") for f in self._delta)
+        known = geometry, self._u, N, delta, self._penalty("+"), zeta, delta_s
         terms = (
             geometry.weight * integrand(bodies, *known) * self.measure(i)
             for i, (_, bodies) in enumerate(self.pairs)
