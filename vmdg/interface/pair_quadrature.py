@@ -166,15 +166,17 @@ class PairQuadrature(InterfaceQuadrature):
         plane = rule.corners @ corners
         areas = np.abs(determinants(_edges(rule, corners))) * rule.weights
         one, two = (self._places_of(facets, plane, a, u) for a in range(2))
-        circumference = self.geometry.circumference
-        around = [circumference(np.moveaxis(side.positions, 2, 0)) for side in (one, two)]
+        around, longer = (self._circumference(side.positions) for side in (one, two))
         count = areas.size
         self.points = np.zeros((count, 3))
         self.points[:, :d] = one.positions.reshape(-1, d)
-        self.weights = (areas * one.stretch * around[0]).ravel()
+        self.weights = (areas * one.stretch * around).ravel()
         self.normal = one.normals.reshape(-1, d)
-        ratio = two.stretch * around[1] / (one.stretch * around[0])
-        other = two.normals * np.broadcast_to(ratio, areas.shape)[..., None]
+        ratio = two.stretch / one.stretch
+        # On an axis both are zero, and their ratio is that of the stretches.
+        off = around > _FLAT * around.max(axis=1, keepdims=True)
+        ratio *= np.divide(longer, around, out=ratio.copy(), where=off)
+        other = two.normals * ratio[..., None]
         self.outward = np.stack([self.normal, other.reshape(-1, d)])
         self.points_of_facet = np.arange(count, dtype=np.int32).reshape(areas.shape)
         self.facet = np.repeat(np.arange(len(areas), dtype=np.int32), areas.shape[1])
@@ -231,6 +233,11 @@ class PairQuadrature(InterfaceQuadrature):
         if len(self._rules) > 1:
             which += (corners[:, 2] == corners[:, 3]).all(axis=1)
         return Rule(*(np.stack(arrays)[which] for arrays in zip(*self._rules, strict=True)))
+
+    def _circumference(self, positions: Array) -> Array:
+        """At points (ns, nq, d), in axisymmetry; else 1 (ns, nq)."""
+        around = self.geometry.circumference(np.moveaxis(positions, 2, 0))
+        return np.broadcast_to(around, positions.shape[:2])
 
     def _places_of(
         self, facets: PairedFacets, plane: Array, a: int, u: fem.Function | None

@@ -282,9 +282,9 @@ void traction_slopes(long count, const double H[][DIM][ENTRIES], const double X[
           for (int j = 0; j < DIM; ++j)
             change[DIM * i + j] += (bent[i] - dot(&G[p][DIM * i], dJ)) * J_inverse[s][j];
       }
-      if (KNOWN > SECTION)
-        change[KNOWN - 1]
-            = (dot(G[p], t[k]) - G[p][KNOWN - 1] * t[k][0]) / derivative(X, 0, count, p)[0];
+      double radius = derivative(X, 0, count, p)[0];
+      if (KNOWN > SECTION && radius > 0)
+        change[KNOWN - 1] = (dot(G[p], t[k]) - G[p][KNOWN - 1] * t[k][0]) / radius;
       for (int i = 0; i < DIM; ++i)
         for (int e = 0; e < KNOWN; ++e)
           rates[k][i] += H[p][i][e] * change[e];
