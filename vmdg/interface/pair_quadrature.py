@@ -145,7 +145,6 @@ class PairQuadrature(InterfaceQuadrature):
         # Products of two displacements are integrated exactly.
         given = len(self._rules[0].weights), (degree + 1) // 2
         self._polynomials = [FacetPolynomials(mesh, side, *given) for side in facets.surfaces.sides]
-        self.leads = facets.slides
         self._room = -1
         self.take(facets)
 
@@ -171,15 +170,19 @@ class PairQuadrature(InterfaceQuadrature):
         self.points = np.zeros((count, 3))
         self.points[:, :d] = one.positions.reshape(-1, d)
         self.weights = (areas * one.stretch * around).ravel()
-        self.normal = one.normals.reshape(-1, d)
         ratio = two.stretch / one.stretch
         # On an axis both are zero, and their ratio is that of the stretches.
         off = around > _FLAT * around.max(axis=1, keepdims=True)
         ratio *= np.divide(longer, around, out=ratio.copy(), where=off)
-        other = two.normals * ratio[..., None]
-        self.outward = np.stack([self.normal, other.reshape(-1, d)])
+        both = one.normals, two.normals * ratio[..., None]
+        self.outward = np.stack([normals.reshape(-1, d) for normals in both])
         self.points_of_facet = np.arange(count, dtype=np.int32).reshape(areas.shape)
         self.facet = np.repeat(np.arange(len(areas), dtype=np.int32), areas.shape[1])
+        second = facets.second_leads[self.facet]
+        self.normal = np.where(second[:, None], -two.normals.reshape(-1, d), self.outward[0])
+        self.leads = np.full((count, 2), 0.5)
+        if facets.slides:
+            self.leads = 1.0 * np.stack([~second, second], axis=1)
         self.area = self.weights.reshape(areas.shape).sum(axis=1)
         self.extent = facets.extent
         gap = (two.positions - one.positions).reshape(-1, d)
