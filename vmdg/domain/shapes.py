@@ -242,8 +242,10 @@ class ShapeGradients:
         values, of_reference = _tabulated(self._shape, places)
         gradients = np.moveaxis(of_reference, 0, 3) @ np.linalg.inv(J)
         if self._hoop:
-            hoop = (values / X[..., :1])[..., None]
-            gradients = np.concatenate([gradients, hoop], axis=3)
+            # On the axis u_r/r has the limit u_r,r.
+            off = X[..., :1] > self._geometry.axis
+            hoop = np.where(off, values / np.where(off, X[..., :1], 1.0), gradients[..., 0])
+            gradients = np.concatenate([gradients, hoop[..., None]], axis=3)
         return values, gradients
 
     def in_cells(self, cells: NDArray[np.int32]) -> tuple[Array, Array]:

@@ -41,7 +41,7 @@ def turns(interface: Interface, bodies: Bodies, quadrature: InterfaceQuadrature)
     """Whether the law of an interface works in a rotating frame: not at small strain, nor where one
     side is a rigid wall, nor for ties without an initial gap, which turns with the bodies. A frame
     of side 1 is that of the wall, or turns."""
-    fixed = bodies.small or (quadrature.facets.walled and not quadrature.leads)
+    fixed = bodies.small or (quadrature.facets.walled and not quadrature.facets.slides)
     anything = interface.law.inelastic or quadrature.initial_gap is not None
     return anything and interface.frame == "corotating" and not fixed
 

@@ -315,8 +315,8 @@ class MovingInterface(ActiveInterface):
         u = np.zeros_like(self._u.x.array) if before is None else before.u
         moved, gradients = q.jets(self._u.function_space).of_field(u.reshape(-1, d))
         opening = (moved[:, :, 1] - moved[:, :, 0]).reshape(-1, d) + q.distance
-        F = gradients[:, :, 0, : d * d].reshape(-1, d, d)
-        gap = np.einsum("pji,pj->pi", self._return_map.frame(F)[0], opening)
+        R = self._return_map.frame(q.leading(gradients))[0]
+        gap = np.einsum("pji,pj->pi", R, opening)
         normal = np.einsum("pi,pi->p", gap, N)
         softening = np.array(np.broadcast_to(self.law.strength, count), dtype=float)
         mode, traction = np.full(count, Mode.OPEN, dtype=np.int8), np.zeros((count, d))
@@ -378,10 +378,9 @@ class MovingInterface(ActiveInterface):
 
     def _add_partners(self, D: Array, traction: Array, C: Array | None) -> None:
         """Add to D dA what the motion of the pairs changes."""
-        q, d = self.quadrature, self.quadrature.d
-        gradient = q.field(self._u)[1][:, :, 0, : d * d]
         maps, known = self._return_map, (self.stabilization, self.values)
-        frame, terms = maps.frame(gradient.reshape(-1, d, d)), self.terms(*known)
+        gradients = self.quadrature.field(self._u)[1]
+        frame, terms = maps.frame(self.quadrature.leading(gradients)), self.terms(*known)
         state = self.stabilization, frame, self.values.traction, terms, maps.flux(1)
         self._partners.add_to(D, traction, C, *state)
 

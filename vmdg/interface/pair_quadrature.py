@@ -33,6 +33,66 @@ _ROOM, _FEW = 2.0, 64
 #: Initial gaps below this, relative to the facet, are rounding.
 _NO_GAP = 1e-10
 
+#: Area at a point, relative to the largest one of its segment, below which it is rounding.
+_FLAT = 1e-12
+
+
+class Rule(NamedTuple):
+    """Points and weights on segments of one shape.
+
+    Attributes:
+        corners: Shares of the corners in the places of the points (nq, c).
+        slopes: Their derivatives in the reference shape (d - 1, nq, c).
+        weights: Weights in the reference shape (nq,).
+    """
+
+    corners: Array
+    slopes: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, kind: basix.CellType, points: Array, weights: Array) -> Rule:
+        """From points of the reference shape (nq, d - 1)."""
+        corners, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, points)
+        return cls(corners, np.array(slopes), weights)
+
+    def as_quadrilateral(self, count: int) -> Rule:
+        """That of triangles on quadrilaterals with a repeated corner, with ``count`` points: those
+        that are added have no weight."""
+        corners, slopes = (np.insert(array, 2, 0.0, axis=-1) for array in self[:2])
+        more = np.minimum(np.arange(count), len(self.weights) - 1)
+        weights = np.where(np.arange(count) < len(self.weights), self.weights[more], 0.0)
+        return Rule(corners[more], slopes[:, more], weights)
+
+
+def rules_with_corners(kind: basix.CellType, degree: int) -> list[Rule]:
+    """Rules with positive weights and a point at every corner, exact to a degree, 2 or 4; for
+    quadrilaterals a second one for those with a repeated corner.
+
+    Bodies that touch with a corner do so in a point: between points of Gauss it would sink in.
+    Intervals and quadrilaterals have the rule of Lobatto in each direction. On triangles, with
+    symmetry, degree 2 takes the corners and the centre. Degree 4 takes corners, midpoints of sides
+    and points with barycentric coordinates (a, a, 1 - 2a); its four moments have one solution
+    with positive weights, a = (7 - sqrt(13))/18.
+    """
+    if kind != basix.CellType.triangle:
+        lobatto = basix.make_quadrature(kind, degree, rule=basix.QuadratureType.gll)
+        rules = [Rule.of(kind, *lobatto)]
+        if kind == basix.CellType.quadrilateral:
+            # A product of two bilinear functions has degree 4.
+            (triangle,) = rules_with_corners(basix.CellType.triangle, 4)
+            rules.append(triangle.as_quadrilateral(len(lobatto[1])))
+        return rules
+    root = np.sqrt(13.0)
+    if degree <= 2:
+        orbits = [(0.0, 1 / 12, 3), (1 / 3, 3 / 4, 1)]
+    else:
+        inner = (7 - root) / 18, (29 + 17 * root) / 360, 3
+        orbits = [(0.0, (11 - root) / 360, 3), (0.5, (10 - 2 * root) / 45, 3), inner]
+    points = [[(a, a), (1 - 2 * a, a), (a, 1 - 2 * a)][:count] for a, _, count in orbits]
+    weights = np.repeat([w / 2 for _, w, _ in orbits], [count for *_, count in orbits])
+    return [Rule.of(kind, np.concatenate(points), weights)]
+
 
 class Shifts(NamedTuple):
     """How points of side 1 move within the planes of their segments where side 2 moves by g + h.v
@@ -55,8 +115,8 @@ class PairQuadrature(InterfaceQuadrature):
     """The segments of an interface and their quadrature points.
 
     Point p of side 1 and its partner on side 2 have one projection into the plane of the segment,
-    along the normal of the facet of side 1. On quadrilaterals, some of which are triangles with a
-    repeated corner, the rule is one of Gauss in each direction.
+    along the normal of the facet of side 1. Quadrilaterals may be triangles with a repeated corner.
+    Contact has points at the corners of segments, ties and bonds have those of Gauss.
 
     Args:
         mesh: The mesh.
@@ -76,13 +136,15 @@ class PairQuadrature(InterfaceQuadrature):
         corners = facets.segments.corners.shape[1]
         kind = _KINDS[corners]
         self._order = [0, 1, 3, 2] if corners == 4 else list(range(corners))
-        rule, self._rule = basix.make_quadrature(kind, degree)
-        self._corners, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, rule)
-        self._slopes = np.array(slopes)
+        law = facets.surfaces.law
+        self._rules = (
+            [Rule.of(kind, *basix.make_quadrature(kind, degree))]
+            if law.has_bond or not law.inelastic
+            else rules_with_corners(kind, degree)
+        )
         # Products of two displacements are integrated exactly.
-        given = len(rule), (degree + 1) // 2
+        given = len(self._rules[0].weights), (degree + 1) // 2
         self._polynomials = [FacetPolynomials(mesh, side, *given) for side in facets.surfaces.sides]
-        self.leads = facets.slides
         self._room = -1
         self.take(facets)
 
@@ -99,22 +161,28 @@ class PairQuadrature(InterfaceQuadrature):
         """
         self.facets, segments, d = facets, facets.segments, self.d
         corners = segments.corners[:, self._order]
-        plane = self._corners @ corners
-        edges = np.einsum("tqc,sck->sqtk", self._slopes, corners)
-        areas = np.abs(determinants(edges)) * self._rule
+        rule = self._rule_of(corners)
+        plane = rule.corners @ corners
+        areas = np.abs(determinants(_edges(rule, corners))) * rule.weights
         one, two = (self._places_of(facets, plane, a, u) for a in range(2))
-        circumference = self.geometry.circumference
-        around = [circumference(np.moveaxis(side.positions, 2, 0)) for side in (one, two)]
+        around, longer = (self._circumference(side.positions) for side in (one, two))
         count = areas.size
         self.points = np.zeros((count, 3))
         self.points[:, :d] = one.positions.reshape(-1, d)
-        self.weights = (areas * one.stretch * around[0]).ravel()
-        self.normal = one.normals.reshape(-1, d)
-        ratio = two.stretch * around[1] / (one.stretch * around[0])
-        other = two.normals * np.broadcast_to(ratio, areas.shape)[..., None]
-        self.outward = np.stack([self.normal, other.reshape(-1, d)])
+        self.weights = (areas * one.stretch * around).ravel()
+        ratio = two.stretch / one.stretch
+        # On an axis both are zero, and their ratio is that of the stretches.
+        off = around > _FLAT * around.max(axis=1, keepdims=True)
+        ratio *= np.divide(longer, around, out=ratio.copy(), where=off)
+        both = one.normals, two.normals * ratio[..., None]
+        self.outward = np.stack([normals.reshape(-1, d) for normals in both])
         self.points_of_facet = np.arange(count, dtype=np.int32).reshape(areas.shape)
         self.facet = np.repeat(np.arange(len(areas), dtype=np.int32), areas.shape[1])
+        second = facets.second_leads[self.facet]
+        self.normal = np.where(second[:, None], -two.normals.reshape(-1, d), self.outward[0])
+        self.leads = np.full((count, 2), 0.5)
+        if facets.slides:
+            self.leads = 1.0 * np.stack([~second, second], axis=1)
         self.area = self.weights.reshape(areas.shape).sum(axis=1)
         self.extent = facets.extent
         gap = (two.positions - one.positions).reshape(-1, d)
@@ -140,21 +208,39 @@ class PairQuadrature(InterfaceQuadrature):
         segments, order, t = self.facets.segments, self._order, self.d - 1
         corners, follows = segments.corners[:, order], segments.follows[:, order]
         follows[: self.facets.bonded] = 0.0
-        places = self._corners @ corners
-        edges = np.einsum("tqc,sck->sqkt", self._slopes, corners)
-        slopes = np.einsum("tqc,sqtk->sqck", self._slopes, np.linalg.inv(edges))
+        rule = self._rule_of(corners)
+        places = rule.corners @ corners
+        edges = _edges(rule, corners)
+        # At a corner between sides in one line there is no area.
+        area = np.abs(determinants(edges))
+        flat = area <= _FLAT * area.max(axis=1, keepdims=True)
+        edges[flat] = np.eye(t)
+        slopes = np.einsum("stqc,sqkt->sqck", rule.slopes, np.linalg.inv(edges))
+        slopes[flat] = 0.0
         # Sums over the corners of what follows, and of its products with their places.
-        flat = follows.reshape(*follows.shape[:2], t * t)
-        both = flat[..., None] * corners[:, :, None]
+        each = follows.reshape(*follows.shape[:2], t * t)
+        both = each[..., None] * corners[:, :, None]
         shape = *places.shape[:2], t, t
-        place = (self._corners @ flat).reshape(shape)
-        product = self._corners @ both.reshape(*flat.shape[:2], t**3)
+        place = (rule.corners @ each).reshape(shape)
+        product = rule.corners @ both.reshape(*each.shape[:2], t**3)
         place_slope = product.reshape(*shape, t) - place[..., None] * places[:, :, None, None]
         grown = np.einsum("sqck,sckl->sqlc", slopes, follows, optimize=True)
         area = grown.sum(axis=3)
         area_slope = grown @ corners[:, None] - area[..., None] * places[:, :, None]
         found = place, place_slope, area, area_slope
         return Shifts(*(array.reshape(-1, *array.shape[2:]) for array in found))
+
+    def _rule_of(self, corners: Array) -> Rule:
+        """The rule of every segment, from its corners (ns, c, d - 1)."""
+        which = np.zeros(len(corners), dtype=int)
+        if len(self._rules) > 1:
+            which += (corners[:, 2] == corners[:, 3]).all(axis=1)
+        return Rule(*(np.stack(arrays)[which] for arrays in zip(*self._rules, strict=True)))
+
+    def _circumference(self, positions: Array) -> Array:
+        """At points (ns, nq, d), in axisymmetry; else 1 (ns, nq)."""
+        around = self.geometry.circumference(np.moveaxis(positions, 2, 0))
+        return np.broadcast_to(around, positions.shape[:2])
 
     def _places_of(
         self, facets: PairedFacets, plane: Array, a: int, u: fem.Function | None
@@ -176,3 +262,9 @@ class PairQuadrature(InterfaceQuadrature):
         if not self.facets.slides:
             return slice(None)
         return slice(self.facets.bonded * self.points_of_facet.shape[1])
+
+
+def _edges(rule: Rule, corners: Array) -> Array:
+    """Tangents of the plane at the points of segments with these corners (ns, nq, d - 1, d - 1),
+    by reference coordinate first."""
+    return np.einsum("stqc,sck->sqtk", rule.slopes, corners)

@@ -18,6 +18,7 @@ from mpi4py import MPI
 
 import basix
 import numpy as np
+import scipy
 from dolfinx import fem
 from dolfinx.mesh import Mesh, compute_midpoints
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ from ..forms.geometry import CARTESIAN, Geometry
 from ..laws import Law
 from .facets import InterfaceFacets, facet_properties, find_facets
 from .interface import KEEP, Interface
-from .segments import FAR_REACH, REACH, FlatFacets, Segments, cut, passed, soon_paired
+from .segments import FAR_REACH, OPPOSITE, REACH, FlatFacets, Segments, cut, passed, soon_paired
 
 #: Least share of the smaller surface that must lie opposite the other one.
 _LEAST_SHARE = 0.01
@@ -69,11 +70,13 @@ class Surface(NamedTuple):
         facets: Local facets, ascending (n,): owned ones of side 1, all of side 2.
         cells: Their cells (n,).
         local: Their numbers in these (n,).
+        ends: Whether they are at a sharp edge or at the end of the surface, see :func:`_ends` (n,).
     """
 
     facets: NDArray[np.int32]
     cells: NDArray[np.int32]
     local: NDArray[np.int32]
+    ends: NDArray[np.bool_]
 
     def owned(self, mesh: Mesh) -> Surface:
         """The facets that this rank owns."""
@@ -241,7 +244,7 @@ class PairedFacets(InterfaceFacets):
     @property
     def first_side(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
         """See the base class; of surfaces that slide all facets of side 1."""
-        return tuple(self.surfaces.sides[0]) if self.slides else super().first_side
+        return tuple(self.surfaces.sides[0][:3]) if self.slides else super().first_side
 
     def rows_of(self, other: InterfaceFacets) -> NDArray[np.intp]:
         """All: the pairs do not change."""
@@ -256,6 +259,24 @@ class PairedFacets(InterfaceFacets):
     def slides(self) -> bool:
         """Whether the pairs change with the displacement."""
         return self.surfaces.moves
+
+    @property
+    def second_leads(self) -> NDArray[np.bool_]:
+        """Pairs of contact whose normal is that of side 2 (ns,).
+
+        Where a sharp edge meets a face, pressures are normal to the face, which slides past the
+        edge: v = v_2 - v_1 is along it. Normal to the other facet they would have a power p n.v at
+        no change of energy. Facets of the other surface are partly covered at an edge, so that they
+        are inclined there by an angle that goes to zero with h^a, a < 1/2, only, where p grows with
+        h^-a.
+        """
+        surfaces = self.surfaces
+        if not surfaces.gaps or (surfaces.law.has_bond and not surfaces.slides):
+            return np.zeros(len(self.facets), dtype=bool)
+        one, two = (side.ends for side in surfaces.sides)
+        leads = one[self.segments.first] & ~two[self.segments.second]
+        leads[: self.bonded] = False
+        return leads
 
     @property
     def size(self) -> int:
@@ -325,6 +346,7 @@ def place(
     surfaces = [f[a > _ROUNDING * m] for f, a, m in zip(surfaces, off, far, strict=True)]
     _check_whole(mesh, surfaces, interface, label)
     one, two = (_surface(mesh, facets) for facets in surfaces)
+    one, two = _ends(mesh, one, two), _ends(mesh, two, one)
     if interface.sliding and interface.surfaces is None and stiffness is not None:
         # Means differ by rounding from rank to rank.
         first = comm.bcast(_before(mesh, one, two, stiffness))
@@ -443,7 +465,48 @@ def _check_whole(
 def _surface(mesh: Mesh, facets: NDArray[np.int32]) -> Surface:
     """Boundary facets with their cells."""
     cells = facet_cells(mesh)[facets, 0]
-    return Surface(facets, cells, local_facets(mesh, cells, facets))
+    ends = np.zeros(len(facets), dtype=bool)
+    return Surface(facets, cells, local_facets(mesh, cells, facets), ends)
+
+
+def _ends(mesh: Mesh, surface: Surface, other: Surface) -> Surface:
+    """The surface with its facets at sharp edges and at its ends marked: those less than the
+    largest facet of the other one away, which may be paired with one that the edge covers in part.
+
+    An edge is sharp where it is convex and turns by more than facets of a pair may.
+    """
+    flat, corners = _flat_facets(mesh, surface, None), _corner_nodes(mesh, surface)
+    count = corners.shape[1]
+    if count == 2:
+        sides = corners.reshape(-1, 1)
+    else:
+        sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+    _, first, side, times = np.unique(
+        np.sort(sides, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    side, facet = side.ravel(), np.arange(len(sides)) // count
+    # The other facet of each side; itself at an end.
+    neighbours = np.bincount(side, facet, minlength=len(first))[side].astype(int) - facet
+    neighbours[times[side] != 2] = 0
+    turn = np.einsum("si,si->s", flat.normals[facet], flat.normals[neighbours])
+    way = flat.centres[neighbours] - flat.centres[facet]
+    sharp = (turn < OPPOSITE) & (np.einsum("si,si->s", flat.normals[facet], way) < 0)
+    sharp[times[side] == 1] = True
+    if not sharp.any() or not len(other.facets):
+        return surface
+    x = mesh.geometry.x
+    edges = scipy.spatial.cKDTree(x[np.unique(sides[sharp])])
+    reach = 2 * _flat_facets(mesh, other, None).radii.max() * (1 - _ROUNDING)
+    return surface._replace(ends=(edges.query(x[corners])[0] < reach).any(axis=1))
+
+
+def _corner_nodes(mesh: Mesh, surface: Surface) -> NDArray[np.int32]:
+    """Nodes of the mesh at the corners of facets, in order around (n, c)."""
+    corners = np.array(basix.topology(mesh.basix_cell())[mesh.geometry.dim - 1])
+    if corners.shape[1] == 4:
+        corners = corners[:, [0, 1, 3, 2]]
+    nodes = compat.geometry_dofmap(mesh)[surface.cells]
+    return np.take_along_axis(nodes, corners[surface.local], axis=1)
 
 
 def _before(mesh: Mesh, one: Surface, two: Surface, stiffness: Stiffness) -> bool:
@@ -463,9 +526,7 @@ def _bend(mesh: Mesh, surface: Surface) -> float:
     """Lower quartile of the angles between facets and the mean normals at their corners, which the
     corners of a body do not change."""
     normals = _flat_facets(mesh, surface, None).normals
-    d, cell = mesh.topology.dim, mesh.basix_cell()
-    corners = np.array(basix.topology(cell)[d - 1])[surface.local]
-    nodes = np.take_along_axis(compat.geometry_dofmap(mesh)[surface.cells], corners, axis=1)
+    nodes, d = _corner_nodes(mesh, surface), mesh.topology.dim
     mean = np.zeros((len(mesh.geometry.x), d))
     np.add.at(mean, nodes, np.repeat(normals[:, None], nodes.shape[1], axis=1))
     edge = np.einsum("fni,fi->fn", mean[nodes], normals) / np.linalg.norm(mean[nodes], axis=2)

@@ -2,6 +2,8 @@
    tangent.c for jets. Compiled with DIM, ENTRIES, of GRAD in a jet, and KNOWN, of them those of a
    displacement. */
 
+#include <math.h>
+
 enum
 {
   JET = DIM + 2 * ENTRIES,
@@ -94,7 +96,7 @@ static void shift(const double axes[PLANE][DIM], const double place[PLANE][PLANE
 }
 
 /* The change of M_2 relative to it, by jets. */
-static void stretch(const double n[DIM], const double m[DIM], const double inverses[2][DIM][DIM],
+static void stretch(const double v[DIM], const double m[DIM], const double inverses[2][DIM][DIM],
                     double ratio[JET])
 {
   for (int side = 0; side < 2; ++side)
@@ -102,7 +104,7 @@ static void stretch(const double n[DIM], const double m[DIM], const double inver
     {
       double part[DIM];
       for (int k = 0; k < DIM; ++k)
-        part[k] = side ? m[i] * n[k] - (i == k) : (i == k) - n[i] * (2 * n[k] - m[k]);
+        part[k] = side ? m[i] * v[k] - (i == k) : (i == k) - v[i] * (2 * v[k] - m[k]);
       for (int j = 0; j < DIM; ++j)
         ratio[START[side] + DIM * i + j] = dot(part, inverses[side][j]);
     }
@@ -110,7 +112,7 @@ static void stretch(const double n[DIM], const double m[DIM], const double inver
 
 /* Adds the couple of the frame that no longer grows by the slip: T.R.(omega x R^T.g_T) by g. */
 static void add_couple(const double n[DIM], const double R[DIM][DIM], const double W[SPINS][SECTION],
-                       const double force[DIM], double D[JET][JET])
+                       const double force[DIM], int row, double D[JET][JET])
 {
   double local[3] = {0};
   for (int i = 0; i < DIM; ++i)
@@ -129,18 +131,19 @@ static void add_couple(const double n[DIM], const double R[DIM][DIM], const doub
       couple[s] = along[(s + 1) % 3] * local[(s + 2) % 3] - along[(s + 2) % 3] * local[(s + 1) % 3];
     for (int s = 0; s < SPINS; ++s)
       for (int e = 0; e < SECTION; ++e)
-        D[DIM + e][k] += couple[DIM == 3 ? s : 2] * W[s][e];
+        D[row + e][k] += couple[DIM == 3 ? s : 2] * W[s][e];
   }
 }
 
 /* Adds to D dA of `count` points.
 
-   area: dA; G: GRAD u of both sides; N, M: N_1 and -M_2; R, W: the frame; axes: of the plane, with
+   area: dA; G: GRAD u of both sides; N: of the law; N1, M: N_1 and -M_2; leads: shares of the sides in
+   the frame; R, W: the frame; axes: of the plane, with
    place, place_slope, growth, growth_slope of :class:`.Shifts`; free: 0 for points of a bond; r: penalty;
    C: d zeta/dT; delta: weights; slopes1, slopes2: of P.N; T: traction; q: terms of (27); flux: P_2.M_2
    by the normal outward; Tt: Tt dA. C and slopes are null where they are zero. */
 void add_partners(long count, const double area[], const double G[][2][DIM][DIM], const vector N[],
-                  const vector M[], const tensor R[], const double W[][SPINS][SECTION],
+                  const vector N1[], const vector M[], const double leads[][2], const tensor R[], const double W[][SPINS][SECTION],
                   const double axes[][PLANE][DIM], const double place[][PLANE][PLANE],
                   const double place_slope[][PLANE][PLANE][PLANE], const double growth[][PLANE],
                   const double growth_slope[][PLANE][PLANE], const double free[], const double r[],
@@ -151,22 +154,28 @@ void add_partners(long count, const double area[], const double G[][2][DIM][DIM]
   for (long p = 0; p < count; ++p)
   {
     const tensor* slopes[2] = {slopes1, slopes2};
-    double n[DIM], m[DIM], other[DIM], inverses[2][DIM][DIM], ways[2][DIM][DIM];
+    double n[DIM], v[DIM], m[DIM], other[DIM], inverses[2][DIM][DIM], ways[2][DIM][DIM];
     for (int a = 0; a < 2; ++a)
       inverse(1, G[p][a], inverses[a]);
     for (int i = 0; i < DIM; ++i)
     {
       n[i] = dot(R[p][i], N[p]);
-      m[i] = 0;
+      v[i] = m[i] = 0;
       for (int j = 0; j < DIM; ++j)
+      {
+        v[i] += inverses[0][j][i] * N1[p][j];
         m[i] += inverses[1][j][i] * M[p][j];
+      }
     }
-    double size = dot(m, n);
+    double length = sqrt(dot(v, v)), size = dot(m, v) / length;
     for (int i = 0; i < DIM; ++i)
     {
+      v[i] /= length;
       m[i] /= size;
-      other[i] = dot(inverses[1][i], n);
     }
+    for (int i = 0; i < DIM; ++i)
+      other[i] = dot(inverses[1][i], v);
+    double slope = dot(n, v);
     for (int i = 0; i < DIM; ++i)
       for (int j = 0; j < DIM; ++j)
       {
@@ -186,18 +195,18 @@ void add_partners(long count, const double area[], const double G[][2][DIM][DIM]
       for (int i = 0; i < DIM; ++i)
       {
         nearer += m[i] * h[i][c];
-        away += n[i] * h[i][c];
+        away += n[i] * h[i][c] + (n[i] - slope * v[i]) * y[i][c];
       }
       for (int i = 0; i < DIM; ++i)
       {
-        E[i][c] = n[i] * (nearer - away);
-        back[i][c] = n[i] * nearer - h[i][c];
+        E[i][c] = n[i] * (slope * nearer - away);
+        back[i][c] = v[i] * nearer - h[i][c];
       }
     }
     add_product(1, inverses[0], y, moved[0]);
     add_product(1, inverses[1], back, moved[1]);
     if (free[p] != 0)
-      stretch(n, m, inverses, ratio);
+      stretch(v, m, inverses, ratio);
 
     /* {P.N} changes, and with it and the opening E the traction. */
     for (int a = 0; a < 2; ++a)
@@ -236,7 +245,7 @@ void add_partners(long count, const double area[], const double G[][2][DIM][DIM]
           for (int c = 0; c < JET; ++c)
             D[p][START[a] + DIM * i + k][c] -= (a ? -1 : 1) * area[p] * T[p][i] * moved[a][k][c];
     }
-    add_couple(n, R[p], W[p], force, D[p]);
+    add_couple(n, R[p], W[p], force, START[leads[p][1] > leads[p][0]], D[p]);
   }
 }
 
@@ -282,9 +291,9 @@ void traction_slopes(long count, const double H[][DIM][ENTRIES], const double X[
           for (int j = 0; j < DIM; ++j)
             change[DIM * i + j] += (bent[i] - dot(&G[p][DIM * i], dJ)) * J_inverse[s][j];
       }
-      if (KNOWN > SECTION)
-        change[KNOWN - 1]
-            = (dot(G[p], t[k]) - G[p][KNOWN - 1] * t[k][0]) / derivative(X, 0, count, p)[0];
+      double radius = derivative(X, 0, count, p)[0];
+      if (KNOWN > SECTION && radius > 0)
+        change[KNOWN - 1] = (dot(G[p], t[k]) - G[p][KNOWN - 1] * t[k][0]) / radius;
       for (int i = 0; i < DIM; ++i)
         for (int e = 0; e < KNOWN; ++e)
           rates[k][i] += H[p][i][e] * change[e];

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 #: Number of points, and the arrays of partners.c.
 _DECLARATIONS = f"""
-void add_partners(long{", void *" * 22});
+void add_partners(long{", void *" * 24});
 void traction_slopes(long{", void *" * 8});
 """
 
@@ -84,7 +84,7 @@ class PartnerTangent:
             traction: Tt dA from there (nq, d, jet).
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
             stabilization: Of the forms.
-            frame: R and W of side 1.
+            frame: R and W of the frame of the law.
             T: Traction (nq, d) [MPa].
             terms: q of (27) (nq, jet).
             flux: P_2.N_2 dS_2/dS_1 (nq, d) [MPa].
@@ -94,7 +94,7 @@ class PartnerTangent:
         call(
             self._module,
             "add_partners",
-            *(self._tangent.areas, gradients, q.normal, q.outward[1], *frame),
+            *(self._tangent.areas, gradients, q.normal, *q.outward, q.leads, *frame),
             *(q.facets.segments.axes[facet], *q.shifts()),
             *(1.0 * (facet >= q.facets.bonded), stabilization.norm[facet], compliance),
             *(stabilization.weights[facet], *(self._traction_slopes(a) for a in range(2))),

@@ -156,12 +156,10 @@ class PointFlux:
         if compliance is not None:
             L -= stabilized.transpose(0, 2, 1) @ compliance
         if turning is not None:
-            # A frame of side 1 turns by GRAD w_1, where that of both turns by half of the sum.
-            sides = 1 if self.active.quadrature.leads else 2
-            couple = 2 / sides * turning[1].reshape(-1, d * d, d)
-            for side in range(sides):
+            couple = turning[1].reshape(-1, d * d, d)
+            for side, leads in enumerate(self.active.quadrature.leads.T):
                 first = d + side * len(jets.entries)
-                L[:, first : first + d * d] -= areas[:, None, None] * couple
+                L[:, first : first + d * d] -= (2 * leads * areas)[:, None, None] * couple
         return FluxChange(self, L)
 
     def all_pieces(self, trial: Field) -> Iterator[_Piece]:

@@ -97,7 +97,7 @@ class PointResidual:
             if values.moment is not None:
                 moment = values.moment.reshape(len(flux), self._quadrature.d**2)
                 # M is half of the couple of a frame that turns with the mean of both sides.
-                share = 2.0 * (a == 0) if self._quadrature.leads else 1.0
+                share = 2.0 * self._quadrature.leads[:, a, None]
                 flux[:, : moment.shape[1]] -= share * moment
             parts.append(flux)
         return np.concatenate(parts, axis=1)

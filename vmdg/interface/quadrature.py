@@ -65,7 +65,8 @@ class InterfaceQuadrature:
         points: Reference positions, of side 1 (nq, 3) [mm].
         weights: Reference area of the points (nq,) [mm2; mm in plane strain]; of the full circle, 2
             pi r ds, in axisymmetry.
-        normal: Reference normal outward from side 1 (nq, d).
+        normal: Reference normal of the law, outward from side 1 (nq, d); that of side 2, reversed,
+            where this side leads.
         outward: Outward normals N_1, and N_2 dS_2/dS_1 = -M_2 (2, nq, d).
         facet: Index of the point's facet in ``facets.facets`` (nq,).
         points_of_facet: Points of every facet (nf, points per facet).
@@ -74,7 +75,7 @@ class InterfaceQuadrature:
         initial_gap: Position on side 2 minus that on side 1 where it is no opening (nq, d) [mm];
             None where they coincide.
         distance: The same where it is one; None for no such points.
-        leads: Whether the frame of the law is that of side 1, not the mean of both.
+        leads: Shares of both sides in the F of the frame of the law (nq, 2).
     """
 
     mesh: Mesh
@@ -92,7 +93,7 @@ class InterfaceQuadrature:
     extent: NDArray[np.float64]
     initial_gap: NDArray[np.float64] | None = None
     distance: NDArray[np.float64] | None = None
-    leads: bool = False
+    leads: Array
 
     @property
     def kept(self) -> slice:
@@ -135,6 +136,13 @@ class InterfaceQuadrature:
             self.F, self.N = ([fem.Function(self.space(s)) for _ in "12"] for s in ((n, n), (d,)))
         for N, outward in zip(self.N, self.outward, strict=True):
             self.write(N, outward)
+
+    def leading(self, gradients: Array) -> Array:
+        """GRAD u of the frame of the law (nq, d, d), from entries of both sides
+        (nf, points, 2, entries)."""
+        d = self.d
+        both = gradients[..., : d * d].reshape(-1, 2, d * d)
+        return np.einsum("pa,pae->pe", self.leads, both).reshape(-1, d, d)
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
         """Space of values of the given shape at every point, (44)-(45); its dofs are numbered like
@@ -293,6 +301,7 @@ class FacetQuadrature(InterfaceQuadrature):
         N = np.einsum("fqji,fj->fqi", np.linalg.inv(J), outward).reshape(-1, d)
         self.normal = N / np.linalg.norm(N, axis=1, keepdims=True)
         self.outward = np.stack([self.normal, -self.normal])
+        self.leads = np.full((len(N), 2), 0.5)
         self.points = np.zeros((areas.size, 3))
         self.points[:, :d] = X.reshape(-1, d)
         self.weights = areas.ravel() * geometry.circumference(self.points.T)

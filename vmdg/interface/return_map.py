@@ -138,10 +138,8 @@ class ReturnMap:
             return Trial(total, opening, jump, N)
         F, frame = None, ()
         if self._frame is not None:
-            gradient = flux1[:, 2 * d :]
-            if not self._quadrature.leads:
-                gradient = (gradient + flux2[:, 2 * d :]) / 2
-            F = np.eye(d) + gradient.reshape(-1, d, d)
+            gradient = np.stack([flux1[:, 2 * d :], flux2[:, 2 * d :]], axis=1)
+            F = np.eye(d) + self._quadrature.leading(gradient)
             frame = self._frame.at(F, N)
             if initial_gap is not None:
                 opening += initial_gap - apply(frame[0], initial_gap)
@@ -161,7 +159,7 @@ class ReturnMap:
         return Trial(*known) if F is None else Trial(*known, F, *frame, initial_gap)
 
     def frame(self, gradient: Array) -> tuple[Array, Array]:
-        """R and W of :meth:`.Frame.at` for a frame of side 1, GRAD u in the section (nq, d, d)."""
+        """R and W of :meth:`.Frame.at` for GRAD u of the frame in the section (nq, d, d)."""
         assert self._frame is not None
         return self._frame.at(np.eye(self._d) + gradient, self._quadrature.normal)
 

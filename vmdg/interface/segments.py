@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
 #: Cosine of the largest angle between a normal and the reversed normal of a facet opposite to it.
-_OPPOSITE = 0.5
+OPPOSITE = 0.5
 
 #: Largest distance of facets that lie opposite each other, relative to the larger one's radius: of
 #: polygons along one curve, and of bodies that may be apart or overlap.
@@ -308,7 +308,7 @@ def _opposite(first: FlatFacets, second: FlatFacets, most: float) -> tuple[Numbe
     trees = [scipy.spatial.cKDTree(side.centres) for side in (first, second)]
     near = trees[0].sparse_distance_matrix(trees[1], most, output_type="ndarray")
     i, j = near["i"], near["j"]
-    keep = np.einsum("pd,pd->p", first.normals[i], second.normals[j]) < -_OPPOSITE
+    keep = np.einsum("pd,pd->p", first.normals[i], second.normals[j]) < -OPPOSITE
     i, j = i[keep], j[keep]
     order = np.lexsort((j, i))
     return i[order], j[order]

@@ -46,27 +46,27 @@ static void apply(int rows, const double A[][DIM], const double B[DIM][JET], dou
     }
 }
 
-/* Adds what depends on GRAD w_1 of the section, or on S = GRAD w_1 + GRAD w_2, to rows of jets. */
-static void add_section(int rows, const double A[][SECTION], long sides, double B[][JET])
+/* Adds what depends on S, the sum of `leads` GRAD w of the section, to rows of jets. */
+static void add_section(int rows, const double A[][SECTION], const double leads[2], double B[][JET])
 {
-  for (int side = 0; side < sides; ++side)
+  for (int side = 0; side < 2; ++side)
     for (int m = 0; m < rows; ++m)
       for (int c = 0; c < SECTION; ++c)
-        B[m][DIM + side * ENTRIES + c] += A[m][c];
+        B[m][DIM + side * ENTRIES + c] += leads[side] * A[m][c];
 }
 
 /* D dA and Tt dA of `count` points.
 
    delta, tau: weights of both sides, and tau_s; H: (A.N) of both sides, each with its own normal;
    K: independent components of both sides; C: d zeta/dT; Z, MT, MS: changes of zeta with S and of the
-   couple M with T and S; turned: number of sides in S; delta_s: of the traction jump. Null where the
+   couple M with T and S; leads: shares of both sides in S; delta_s: of the traction jump. Null where the
    interface has none. */
 void point_tangents(long count, const double area[], const double delta[][2][DIM][DIM],
                     const double tau[][DIM][DIM], const double H1[][DIM][ENTRIES],
                     const double H2[][DIM][ENTRIES], const double K1[][COMPONENTS],
                     const double K2[][COMPONENTS], const double C[][DIM][DIM],
                     const double Z[][DIM][SECTION], const double MT[][SECTION][DIM],
-                    const double MS[][SECTION][SECTION], const long turned[1],
+                    const double MS[][SECTION][SECTION], const double leads[][2],
                     const double delta_s[][DIM][DIM], double D[][JET][JET], double T[][DIM][JET])
 {
   memset(D, 0, count * sizeof(*D));
@@ -116,12 +116,12 @@ void point_tangents(long count, const double area[], const double delta[][2][DIM
       {
         double couple[SECTION][JET];
         apply(SECTION, MT[p], T[p], couple);
-        add_section(DIM, Z[p], turned[0], change);
-        add_section(SECTION, MS[p], turned[0], couple);
-        for (int side = 0; side < turned[0]; ++side)
+        add_section(DIM, Z[p], leads[p], change);
+        add_section(SECTION, MS[p], leads[p], couple);
+        for (int side = 0; side < 2; ++side)
           for (int r = 0; r < SECTION; ++r)
             for (int c = 0; c < JET; ++c)
-              D[p][DIM + side * ENTRIES + r][c] -= couple[r][c];
+              D[p][DIM + side * ENTRIES + r][c] -= leads[p][side] * couple[r][c];
       }
       add_product(DIM, T[p], change, -1, D[p]);
     }

@@ -126,7 +126,8 @@ class PointTangent:
                              - [[(GRAD eta : A).N]].delta_s.[[(A : GRAD du).N]],
 
         the second to fifth terms of (85), then (84) with d zeta = C.Tt(du) + Z:S(du), for a
-        rotating frame, with S(w) = GRAD w_1 + GRAD w_2, also that of ``residual.frame_couple``, and
+        rotating frame, with S(w) = GRAD w_1 + GRAD w_2, also that of ``residual.frame_couple``, or
+        twice that of the side that leads, and
         with the traction jump that of (26). The frame of an axisymmetric body rotates in its
         section.
 
@@ -148,17 +149,13 @@ class PointTangent:
         ]
         K = self._geometric_term(stabilization, values) if self._finite else (None, None)
         changes = (None, None, None) if compliance is None or turning is None else turning
-        # A frame of side 1 turns by GRAD w_1, where that of both turns by S/2.
-        turned = np.array([1 if quadrature.leads else 2])
-        if quadrature.leads and changes[0] is not None:
-            changes = 2 * changes[0], 2 * changes[1], 4 * changes[2]
         delta_s = stabilization.delta_s[facet] if self._jump else None
         D, traction = np.empty((len(facet), size, size)), np.empty((len(facet), d, size))
         call(
             self._module,
             "point_tangents",
             *(self.areas, stabilization.weights[facet], stabilization.penalty[facet], *H, *K),
-            *(compliance, *changes, turned, delta_s, D, traction),
+            *(compliance, *changes, 2.0 * quadrature.leads, delta_s, D, traction),
         )
         return D, traction
 
