@@ -1,6 +1,7 @@
 """The pressure of a fluid between the crack faces of an interface, at its points.
 
-Its forces are sums over the points, p a_1.eta_1 + p a_2.eta_2 with the current area vectors a of both sides, each outward and per area of side 1.
+Its forces are sums over the points, p a_1.eta_1 + p a_2.eta_2 with the current area vectors a of
+both sides, each outward and per area of side 1.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from ..base.arrays import joined_axes
 from ..domain.materials import Bodies
 from ..forms import kinematics
 from .points import PointValues
@@ -94,8 +96,7 @@ class Fluid:
         for a, evaluate in enumerate(self._area_slopes or ()):
             slopes = evaluate().reshape(-1, d, n * n)[..., columns]
             slopes = (self._pressed[:, None, None] * slopes)[points]
-            B = jets.gradient_entries(jets.gradients[:, :, a])
-            B = B.reshape(*B.shape[:3], -1)
+            B = joined_axes(jets.gradient_entries(jets.gradients[:, :, a]), 3)
             moved = slopes @ B
             matrices = np.einsum("fpn,fpim->fnim", jets.values[:, :, a], moved, optimize=True)
             size = B.shape[3]
