@@ -17,6 +17,7 @@ from support.scenes import DIMENSION
 
 import vmdg
 from vmdg import Mode, compat
+from vmdg.base.parallel import global_sum
 from vmdg.interface.moving import MovingInterface
 from vmdg.meshes import apart, blocks
 from vmdg.output.fields import InterfaceFields
@@ -220,6 +221,51 @@ def test_debonds_and_slides():
     assert history["F"].max() > 1.1 * history["F"][-1]
     assert np.abs(history["imbalance"]).max() < 2e-3 * history["work"][-1]
     assert history["iterations"].mean() <= 8
+
+
+@pytest.mark.parametrize("bodies", [(SOFT, HARD), (HARD, SOFT)], ids=["base first", "block first"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_results_of_a_bond_that_has_parted(comm, cell, bodies):
+    """Bodies part, move over other facets and off the edge, and come back: what was bonded counts
+    as broken, once, and its opening is the distance."""
+    three = cell == "tetrahedron"
+    cells, base = ((2, 2, 1), (8, 4, 1)) if three else ((4, 2), (14, 2))
+    scene = body_and_base(cell, cells, base, start=2.0, comm=comm)
+    problem = contact(scene, bodies, vmdg.Debonding(15.0, 0.02, friction=MU))
+    find, d = scene.facet_tags.find, 3 if three else 2
+    ways = [[0, 0], [0, 0.03], [0, 0.5], [1.4, 0.5], [1.4, 0.0], [0, 0.5], [0, 0]]
+
+    def way(t):
+        x, z = (np.interp(t, range(len(ways)), way) for way in zip(*ways, strict=True))
+        return np.array([x, *[0.0] * (d - 2), z])
+
+    problem.dirichlet(find(21), 0.0)
+    problem.dirichlet(find(12), way)
+    crack, rows = vmdg.CrackGrowth(problem, 0, width=1.0), []
+    shown = InterfaceFields(problem, 0, ["damage"])
+
+    def monitor(problem):
+        shown.update()
+        broken = shown.functions["damage"].x.array
+        low, high = vmdg.extremes(problem, 0, "damage")
+        mean, force = problem.mean(0), vmdg.integral(problem, 0, lambda s: s.traction[:, d - 1])
+        assert mean.traction[d - 1] * mean.area == pytest.approx(force, abs=1e-9)
+        assert vmdg.average(problem, 0, lambda s: s.weights * 0 + 1.0) == pytest.approx(1.0)
+        assert len(problem.fine_scale(0)) == len(problem.state[0].weights)
+        rows.append((problem.debonded(0), crack()["crack [mm]"], low, high, mean.area))
+        rows[-1] += (mean.opening[d - 1], global_sum(comm, (broken == 1.0).sum()))
+        return {}
+
+    history = vmdg.solve(problem, np.arange(1.0, len(ways)), TIGHT, monitor).history
+    at = [np.flatnonzero(np.isclose(history["load"], t))[0] for t in range(1, len(ways))]
+    debonded, length, low, high, area, opening, facets = np.transpose(rows)[:, at]
+    assert debonded == pytest.approx(1.0, abs=1e-12)
+    assert length == pytest.approx(1.0, rel=1e-6)
+    assert (low == 1.0).all() and (high == 1.0).all() and (facets > 0).all()
+    assert area[[0, 1, 4, 5]] == pytest.approx(1.0, rel=1e-2)
+    way = [0.03, 0.5, 0.5]  # of the block from the base, whichever is side 1
+    assert np.abs(opening[[0, 1, 4]]) == pytest.approx(way, rel=1e-2)
+    assert abs(opening[5]) < 1e-3
 
 
 def test_slowed_down_while_points_change():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
@@ -131,8 +132,10 @@ def test_mode_of_a_facet():
     mode = np.array([[0, 3, 3], [0, 2, 2], [0, 2, 4], [0, 0, 2], [4, 4, 4]], dtype=float)
     halves = [0.5, 0.25, 0.25 - 1e-16]
     weights = np.array([[0.3, 0.1, 0.1], halves, halves, [0.2, 0.1, 0.3 + 1e-17], halves])
-    assert facet_modes(mode, weights).tolist() == [0, 2, 0, 2, 4]
-    assert facet_modes(mode[:0], weights[:0]).tolist() == []
+    empty, facet = vmdg.InterfaceState.empty(2), np.repeat([3, 4, 6, 8, 9], 3)
+    given = {"mode": mode.ravel(), "weights": weights.ravel(), "facet": facet}
+    assert facet_modes(replace(empty, **given)).tolist() == [0, 2, 0, 2, 4]
+    assert facet_modes(empty).tolist() == []
 
 
 # Files that are there, that are gone, that are too large

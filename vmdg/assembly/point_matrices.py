@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from .. import compat
+from ..base.arrays import joined_axes
 from ..interface.active import ActiveInterface
 from ..interface.jets import FacetJets, Field
 from ..interface.point_flux import FluxChange
@@ -133,7 +134,11 @@ def add_fields(
         left, right = test(jets, rows), trial(jets, rows)
         product = D[points[rows]] @ right.matrix
         # Sums over the points of a facet and its jets in one product.
-        B, DB = (part.reshape(len(part), -1, part.shape[3]) for part in (left.matrix, product))
+        count, points_of_one, size = left.matrix.shape[:3]
+        B, DB = (
+            part.reshape(count, points_of_one * size, part.shape[3])
+            for part in (left.matrix, product)
+        )
         matrices = B.transpose(0, 2, 1) @ DB
         if change is not None:
             change.add_to(matrices, rows, left.matrix, trial)
@@ -222,7 +227,7 @@ def _point_matrix(
             nodes = nodes[:, side * half : (side + 1) * half]
             data = data[..., side * half * d : (side + 1) * half * d]
         lines = points[..., None] * d + np.arange(d)
-        columns = (numbers[nodes][..., None] * d + np.arange(d)).reshape(len(nodes), 1, 1, -1)
+        columns = joined_axes(numbers[nodes][..., None] * d + np.arange(d), 1)[:, None, None]
         where = (np.broadcast_to(a, data.shape).ravel() for a in (lines[..., None], columns))
         total += csr_array((data.ravel(), tuple(where)), shape=total.shape)
     return total

@@ -215,8 +215,9 @@ class Bodies:
         """Set eigenstrains, as returned by :meth:`eigenstrains`, times the factors of groups."""
         if self._eigenstrain is not None:
             self._eigenstrain.x.array[:] = values
+            size = self._eigenstrain.function_space.dofmap.index_map_bs
             for tag, factor in self._factors.items():
-                rows = self._eigenstrain.x.array.reshape(len(self.tags), -1)
+                rows = self._eigenstrain.x.array.reshape(-1, size)
                 rows[self.cells_of[tag]] *= factor
 
     @property

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .. import compat
 from ..base.agreement import together
+from ..base.arrays import joined_axes
 from ..base.kernels import compile_expression
 from ..base.quadrature import bulk_degree
 from ..base.timers import timer
@@ -298,8 +299,7 @@ class PointBodies:
 
     def _on_facets(self, values: Array) -> Array:
         """Coefficients (cells, m, ...) of values at the points (cells, q, ...)."""
-        flat = values.reshape(*values.shape[:2], -1)
-        return self.extrapolation @ flat
+        return self.extrapolation @ joined_axes(values, 2)
 
     def _piola(self, state: PointState) -> Array:
         """P at the points, that of tractions (cells, points, 3, 3) [MPa]."""
@@ -379,10 +379,11 @@ class PointBodies:
         count, size = len(self.points), max(material.size for material, *_ in self._parts)
         history = np.zeros((len(self.cells), count, size))
         for (material, start, stop), values in zip(self._parts, state.history, strict=True):
-            history[start:stop, :, : material.size] = values.reshape(-1, count, material.size)
+            shape = stop - start, count, material.size
+            history[start:stop, :, : material.size] = values.reshape(shape)
         deformation = state.deformation.reshape(state.stress.shape)
         arrays = [history, state.stress, state.moduli, state.frozen, deformation, state.stored]
-        values = np.concatenate([a.reshape(len(self.cells), -1) for a in arrays], axis=1)
+        values = np.concatenate([joined_axes(array, 1) for array in arrays], axis=1)
         rows = np.zeros((self._local, values.shape[1]))
         rows[self.cells] = values
         return rows
@@ -399,7 +400,9 @@ class PointBodies:
             block.reshape(-1, *shape).copy() for block, shape in zip(blocks, shapes, strict=True)
         )
         own = tuple(
-            history[start:stop, :, : material.size].reshape(-1, material.size).copy()
+            history[start:stop, :, : material.size]
+            .reshape((stop - start) * count, material.size)
+            .copy()
             for material, start, stop in self._parts
         )
         still = np.zeros(history.shape[:2])

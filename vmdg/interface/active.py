@@ -257,7 +257,15 @@ class ActiveInterface:
             traction=values.traction,
             mode=history.mode if inelastic else np.full(count, Mode.ELASTIC, dtype=np.int8),
             rotation=np.tile(np.eye(d), (count, 1, 1)) if rotation is None else rotation,
+            facet=self.facets.facets[q.facet],
+            damage=history.softening / self.law.strength if self.law.has_bond else np.ones(count),
         )
+
+    @property
+    def bonded_area(self) -> float:
+        """Reference area of this rank's open facets with their bond as it was at the start
+        [mm2; mm in plane strain]."""
+        return float(self.quadrature.weights.sum())
 
     # Steps
 

@@ -79,6 +79,7 @@ from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from .. import compat
+from ..base.arrays import joined_axes
 from ..base.kernels import compile_expression
 from ..base.units import power_of_two
 from ..domain.materials import Bodies
@@ -154,7 +155,7 @@ def _contract(
     section = tensor[:, :, : d * d].reshape(cells, points, d, d, m).transpose(0, 1, 4, 2, 3)
     # (m, i) j by j a: einsum uses no BLAS for products at each point.
     result = section.reshape(cells, points, m * d, d) @ gradients[..., :d].transpose(0, 1, 3, 2)
-    result = result.reshape(cells, points, m, d, -1).transpose(0, 1, 2, 4, 3)
+    result = result.reshape(cells, points, m, d, gradients.shape[2]).transpose(0, 1, 2, 4, 3)
     if hoop:
         result[..., 0] += np.einsum("cqm,cqa->cqma", tensor[:, :, -1], gradients[..., -1])
     if theta is not None:
@@ -334,7 +335,7 @@ class CellProblems:
         cells = self._cell_of_pair[pairs]
         region = self._region[cells]
         H = self._traction_moduli(region, self._pairs[pairs])
-        H = H.reshape(*H.shape[:2], d, -1)
+        H = H.reshape(*H.shape[:2], d, H.shape[2] // d)
         # tau from an indefinite A may be indefinite: only its positive part can be matched.
         values, vectors = np.linalg.eigh(weights)
         compliance, area = power_of_two(values[:, -1]), power_of_two(areas.max(axis=1))
@@ -356,16 +357,15 @@ class CellProblems:
         plane strain F_33 - 1 times the ``length`` (cells,) is an additional dof, in the last
         column.
         """
-        count, size = len(tensor), gradients.shape[2] * self._d
         if self._axial:
             tensor, axial = tensor[:, :, :-1], tensor[:, :, -1]
-        columns = _contract(tensor, gradients, dilatations).reshape(count, -1, size)[
-            ..., self._free_dofs
-        ]
+        of_nodes = joined_axes(_contract(tensor, gradients, dilatations), 3)
+        count, points, m, size = of_nodes.shape
+        columns = of_nodes.reshape(count, points * m, size)[..., self._free_dofs]
         if not self._axial:
             return columns
         return np.concatenate(
-            [columns, axial.reshape(count, -1, 1) / length[:, None, None]], axis=2
+            [columns, axial.reshape(count, points * m, 1) / length[:, None, None]], axis=2
         )
 
 

@@ -62,12 +62,6 @@ class InterfaceFacets:
         return self.everywhere
 
     @property
-    def distinct(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows of distinct facets, ascending (n,), and for every row its number among these."""
-        rows = np.arange(len(self.facets))
-        return rows, rows
-
-    @property
     def chosen_side(self) -> int | None:
         """Tag of side 1 where surfaces slide; None elsewhere."""
         return None
@@ -76,7 +70,7 @@ class InterfaceFacets:
     def first_side(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
         """Distinct facets of side 1, ascending, that are or may be open, their cells, and their
         numbers in them (n,)."""
-        rows, _ = self.distinct
+        rows = np.unique(self.facets, return_index=True)[1]
         return self.facets[rows], self.cells[rows, 0], self.local[rows, 0]
 
     def rows_of(self, other: InterfaceFacets) -> NDArray[np.intp]:

@@ -13,6 +13,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from ..base.arrays import joined_axes
 from ..domain.materials import Bodies
 from ..forms import kinematics
 from .points import PointValues
@@ -95,8 +96,7 @@ class Fluid:
         for a, evaluate in enumerate(self._area_slopes or ()):
             slopes = evaluate().reshape(-1, d, n * n)[..., columns]
             slopes = (self._pressed[:, None, None] * slopes)[points]
-            B = jets.gradient_entries(jets.gradients[:, :, a])
-            B = B.reshape(*B.shape[:3], -1)
+            B = joined_axes(jets.gradient_entries(jets.gradients[:, :, a]), 3)
             moved = slopes @ B
             matrices = np.einsum("fpn,fpim->fnim", jets.values[:, :, a], moved, optimize=True)
             size = B.shape[3]

@@ -40,8 +40,9 @@ from .history import InterfaceSnapshot, PointHistory, with_rows
 from .interface import AUTO, Interface
 from .pair_quadrature import PairQuadrature
 from .pairing import PairedFacets
+from .parted import BondedArea, turned
 from .partners import PartnerTangent
-from .points import PointValues
+from .points import InterfaceState, PointValues, joined
 from .stabilization import GOOD_RATIO, BubbleIntegrals, Stabilization, Stabilizer
 
 Array = NDArray[np.float64]
@@ -231,6 +232,7 @@ class MovingInterface(ActiveInterface):
         self._committed: CommittedPoints | None = None
         self._near = np.zeros((0, 2), dtype=np.intp)
         self._bonded = facets.surfaces.intact()
+        self._area = BondedArea(self.quadrature)
         self._damage = facets.damage[self.quadrature.facet]
         self._slowed = (0.0, 0.0)
         self.history = self._carried_history()
@@ -329,7 +331,7 @@ class MovingInterface(ActiveInterface):
             nearest, same = _nearest(before.tree, before.rows, self._places(), self._first())
             old, at = before.history, nearest[same]
             turn = before.normal[at], N[same]
-            gap[same] -= _turned(before.elastic[at], *turn)
+            gap[same] -= turned(before.elastic[at], *turn)
             normal[same] = np.einsum("pi,pi->p", old.gap[at], turn[0])
             mode[same] = old.mode[at]
         if before is not None and len(before.everywhere[0]):
@@ -337,7 +339,7 @@ class MovingInterface(ActiveInterface):
             # nearby, and the sum of the pressures stays as it was.
             nearby = before.nearby.query(q.points[:, :d])[1]
             _, normals, tractions = before.everywhere
-            traction = _turned(tractions[nearby], normals[nearby], N)
+            traction = turned(tractions[nearby], normals[nearby], N)
             pressed = self._pressed(traction)
             traction *= before.pressed / pressed if pressed > 0 else 1.0
         along = np.einsum("pi,pi->p", gap, N)
@@ -414,6 +416,15 @@ class MovingInterface(ActiveInterface):
         self.floor = known if self.interface.law.has_bond else np.zeros_like(known)
         self.stabilization = stabilization
 
+    @property
+    def bonded_area(self) -> float:
+        """See the base class; by the pairs of the reference configuration."""
+        return self._area.whole
+
+    def state(self) -> InterfaceState:
+        """Public values at the points, and in the middle of what has lost its partner."""
+        return joined([super().state(), self._area.parted(self.quadrature, self._u)])
+
     def _pressed(self, traction: Array) -> float:
         """Integral of -T_N >= 0, of a traction in the frame of the law; collective."""
         pressure = np.maximum(-np.einsum("pi,pi->p", traction, self.quadrature.normal), 0.0)
@@ -487,17 +498,6 @@ class MovingInterface(ActiveInterface):
         """The state of the same interface in another discretization."""
         assert isinstance(other, MovingInterface)
         self.return_to(other.snapshot())
-
-
-def _turned(vectors: Array, start: Array, end: Array) -> Array:
-    """Vectors (n, d) in the rotation that takes unit vectors to others (n, d) the shortest way;
-    opposite ones by reflection."""
-    both = start + end
-    # Nearest points may be on the back of a thin body.
-    size = np.maximum(1 + np.einsum("pi,pi->p", start, end), np.finfo(float).eps)
-    along = np.einsum("pi,pi->p", both, vectors) / size
-    through = 2 * np.einsum("pi,pi->p", start, vectors)
-    return vectors - along[:, None] * both + through[:, None] * end
 
 
 def _nearest(

@@ -231,12 +231,6 @@ class PairedFacets(InterfaceFacets):
         return self.surfaces.sides[a].cells
 
     @property
-    def distinct(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Of side 1."""
-        _, rows, where = np.unique(self.facets, return_index=True, return_inverse=True)
-        return rows, where.ravel()
-
-    @property
     def chosen_side(self) -> int | None:
         """See the base class."""
         return self.surfaces.first if self.surfaces.slides else None

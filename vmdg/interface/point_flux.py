@@ -23,6 +23,7 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from ..base.arrays import joined_axes
 from ..domain.materials import Bodies
 from ..domain.shapes import ShapeGradients
 from .active import ActiveInterface
@@ -81,7 +82,7 @@ class FluxChange(NamedTuple):
             left = self.load[piece.points].transpose(0, 1, 3, 2) @ B[facets]
             # Sums over the points of a facet and its tractions in one product.
             count, size = len(left), left.shape[1] * left.shape[2]
-            left, flux = (part.reshape(count, size, -1) for part in (left, piece.flux))
+            left, flux = (part.reshape(count, size, part.shape[-1]) for part in (left, piece.flux))
             matrices[facets, :, first : first + width] += left.transpose(0, 2, 1) @ flux
 
     def along(self, gradient: Array) -> Array:
@@ -133,7 +134,7 @@ class PointFlux:
                 continue
             cells, there = quadrature.facets.cells[rows, a], places[rows]
             basis = self._bodies.element.tabulate(0, there.reshape(-1, self.d))[0]
-            E = basis.reshape(*there.shape[:2], -1) @ self._bodies.extrapolation
+            E = basis.reshape(*there.shape[:2], basis.shape[-1]) @ self._bodies.extrapolation
             inside = self._shapes.in_cells(cells)[0]
             self._sides.append((a, rows, cells, E, inside, gradients[rows, :, a]))
 
@@ -199,8 +200,7 @@ class PointFlux:
 
     def _gradient_entries(self, gradients: Array) -> Array:
         """Entries of GRAD w by the dofs of cells (f, points, entries, n)."""
-        G = self.active.point_tangent.jets.gradient_entries(gradients)
-        return G.reshape(*G.shape[:3], -1)
+        return joined_axes(self.active.point_tangent.jets.gradient_entries(gradients), 3)
 
     def _flux_change(
         self, cells: NDArray[np.int32], E: Array, inside: Array, there: Array
@@ -213,8 +213,7 @@ class PointFlux:
 
 def _combined(E: Array, values: Array) -> Array:
     """sum_q E_pq X_q (f, p, ...); as one product of matrices, several times as fast as einsum."""
-    count, points = values.shape[:2]
-    return (E @ values.reshape(count, points, -1)).reshape(count, -1, *values.shape[2:])
+    return (E @ joined_axes(values, 2)).reshape(*E.shape[:2], *values.shape[2:])
 
 
 def _normal_rows(N: Array, entries: list[tuple[int, int]]) -> Array:

@@ -16,6 +16,10 @@ from ..laws import Update
 class InterfaceState:
     """Converged values at the facet points this rank owns, possibly none; side 1 first.
 
+    Where bodies slide these are the points of the present pairs. What was bonded at the start and
+    has no partner now is one more point for each facet of side 1: broken, without traction, opened
+    by the way to the nearest point of side 2.
+
     The gap is zeta, the inelastic part of the opening g; in contact mechanics the gap is g.
 
     Attributes:
@@ -32,6 +36,8 @@ class InterfaceState:
         mode: Active branch of the return map, :class:`vmdg.Mode` (nq,).
         rotation: R of the corotational frame (nq, d, d), R.N the current normal; R^T.gap and
             R^T.traction are the components used by the law. The identity where the frame is fixed.
+        facet: Number of the facet of side 1 on this rank (nq,).
+        damage: Q relative to the strength, 1 where there is no bond (nq,).
     """
 
     points: NDArray[np.float64]
@@ -43,6 +49,8 @@ class InterfaceState:
     traction: NDArray[np.float64]
     mode: NDArray[np.int8]
     rotation: NDArray[np.float64]
+    facet: NDArray[np.int32]
+    damage: NDArray[np.float64]
 
     @classmethod
     def empty(cls, d: int) -> InterfaceState:
@@ -58,6 +66,8 @@ class InterfaceState:
             traction=vectors,
             mode=np.zeros(0, dtype=np.int8),
             rotation=np.zeros((0, d, d)),
+            facet=np.zeros(0, dtype=np.int32),
+            damage=scalars,
         )
 
 

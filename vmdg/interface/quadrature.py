@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cached_property
 
 from mpi4py import MPI
 
@@ -100,32 +99,10 @@ class InterfaceQuadrature:
         """The points that stay in a step."""
         return slice(None)
 
-    @cached_property
-    def by_facet(self) -> tuple[NDArray[np.int32], Array]:
-        """Points of all segments of every distinct facet (n, most points of one), and their
-        weights, zero where a facet has fewer."""
-        rows, where = self.facets.distinct
-        facet = where[self.facet]
-        order = np.argsort(facet, kind="stable").astype(np.int32)
-        counts = np.bincount(facet, minlength=len(rows))
-        slots = np.arange(counts.max(initial=0))
-        exists = slots < counts[:, None]
-        points = np.zeros(exists.shape, dtype=np.int32)
-        points[exists] = order
-        return points, np.where(exists, self.weights[points], 0.0)
-
-    def facet_means(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Means over the distinct facets, (n, ...) of values at the points (nq, ...), weighted by
-        area."""
-        points, weights = self.by_facet
-        integral = np.einsum("fp,fp...->f...", weights, values[points])
-        return (integral.T / weights.sum(axis=1)).T
-
     def _take_places(self, one: Array, two: Array, room: int | None = None) -> None:
         """Take positions of the points in the reference cells of both sides (nf, points, d), with
         room for so many points if it changes."""
         self._places = one, two
-        self.__dict__.pop("by_facet", None)
         self._jets: FacetJets | None = None
         self._last: tuple[Array, tuple[Array, Array]] | None = None
         self.taken = object()  # another one for other points
@@ -385,7 +362,9 @@ class _PointExpressions:
             return values[:, 0]
         places = self._quadrature.places()[self._a]
         assert self._points is not None
-        basis = self._points.element.tabulate(0, places.reshape(len(cells), -1))[0]
+        if not len(cells):  # basix has no values at no points
+            return values[:, 0]
+        basis = self._points.element.tabulate(0, places.reshape(len(cells), self._quadrature.d))[0]
         return np.einsum("pm,pmi->pi", basis, values)
 
     def _take_points(self) -> None:

@@ -14,7 +14,6 @@ from ..forms.geometry import Axisymmetric
 from ..interface.interface import Which, label_of, number_of
 from ..interface.points import InterfaceState
 from ..problem.problem import Problem
-from .values import damage
 
 
 class CrackGrowth:
@@ -74,29 +73,30 @@ class CrackGrowth:
         self._problem = problem
         self._width = float(geometry.thickness if width is None else width)
         self._start = start
-        active = problem.discretization.active[self._number]
-        self._initial = active.facets.damage[active.quadrature.facet]
         self._before = (self._crack(self._state()), problem.energy().damage)
 
     def _state(self) -> InterfaceState:
         return self._problem.state[self._number]
 
-    def _damage(self, state: InterfaceState) -> NDArray[np.float64]:
-        """Q/P_c (nq,)."""
-        return damage(state.softening, self._problem.discretization.active[self._number].law)
+    def _initial(self, state: InterfaceState) -> NDArray[np.float64]:
+        """Q_0/P_c (nq,); 1 where the bond is gone with the partner."""
+        active, found = self._problem.discretization.active[self._number], np.ones(len(state.facet))
+        own = active.facets.damage[active.quadrature.facet]
+        found[: len(own)] = own
+        return found
 
-    def _area(self, state: InterfaceState, share: NDArray[np.float64]) -> float:
-        """Area of a fraction of every point over the width; collective [mm]."""
+    def _over_width(self, area: float) -> float:
+        """An area of this rank over the width; collective [mm]."""
         thickness = float(self._problem.discretization.geometry.thickness) if self._plane else 1.0
-        area = thickness * global_sum(self._problem.comm, state.weights @ share)
-        return float(area / self._width)
+        return float(thickness * global_sum(self._problem.comm, area) / self._width)
 
     def _crack(self, state: InterfaceState) -> float:
-        bonded = self._initial < BROKEN
-        share = np.ones(len(bonded))
-        before = self._initial[bonded]
-        share[bonded] = (self._damage(state)[bonded] - before) / (1 - before)
-        return self._start + self._area(state, share)
+        # Of a bond only what holds stays where it was: the rest of the area is the crack.
+        before, intact = self._initial(state), np.zeros(len(state.damage))
+        bonded = before < BROKEN
+        intact[bonded] = (1 - state.damage[bonded]) / (1 - before[bonded])
+        area = self._problem.discretization.active[self._number].bonded_area
+        return self._start + self._over_width(area - state.weights @ intact)
 
     @property
     def length(self) -> float:
@@ -114,15 +114,15 @@ class CrackGrowth:
             "mode_1 [N/mm]" and "mode_2 [N/mm]".
         """
         state, spent = self._state(), self._problem.energy().damage
-        damage, crack = self._damage(state), self._crack(state)
-        breaking = (damage > self._initial) & (damage < BROKEN)
+        crack = self._crack(state)
+        breaking = (state.damage > self._initial(state)) & (state.damage < BROKEN)
         last, before = self._before
         grown = crack - last
         if not self._problem.loading.nearby:
             self._before = crack, spent
         row = {
             "crack [mm]": crack,
-            "zone [mm]": self._area(state, breaking.astype(float)),
+            "zone [mm]": self._over_width(state.weights @ breaking),
             "resistance [N/mm]": (
                 (spent - before) / (self._width * grown) if grown > 0 else float("nan")
             ),

@@ -23,7 +23,7 @@ from ..interface.interface import Which, interface_names, number_of
 from ..problem.problem import Problem
 from .cell import whole_displacement
 from .corners import corners_of_local, positions_and_displacements
-from .values import VECTORS, facet_scalar
+from .values import VECTORS, facet_means, facet_scalar, open_facets
 
 #: Fields of the bodies, and of the interfaces.
 DISPLACEMENT, STRESS = "displacement", "stress"
@@ -87,7 +87,7 @@ class InterfaceFields:
             if name == DISPLACEMENT:
                 self._set(function, self.cell_of_facet, self._displacement())
             elif active is not None:
-                shown = active.facets.facets[active.facets.distinct[0]]
+                shown = open_facets(self._problem.state[self._i])
                 position = np.searchsorted(self._shown, shown)
                 values = self._facet_values(name)
                 function.x.array[:] = 0.0
@@ -97,8 +97,8 @@ class InterfaceFields:
         """Values on the open facets, (nf,) or (nf, d)."""
         if name not in VECTORS:
             return facet_scalar(self._problem, self._i, name)
-        quadrature = self._problem.discretization.active[self._i].quadrature
-        return quadrature.facet_means(getattr(self._problem.state[self._i], name))
+        state = self._problem.state[self._i]
+        return facet_means(state, getattr(state, name))
 
     def _displacement(self) -> NDArray[np.float64]:
         """Displacement of side 1 at the corners of all facets, in the order of their cells (nf,

@@ -74,12 +74,13 @@ def profile(
 
 def _gathered(problem: Problem, i: int, values: NDArray) -> tuple[NDArray, ...]:
     """Points of all ranks (n, 3), values (n,), and the two corners of each point's facet (n, 3)."""
-    active = problem.discretization.active[i]
-    q, facets = active.quadrature, active.facets
-    corners = corners_of_local(problem.mesh, facets.local[:, 0])[:, :2]
-    X, _ = positions_and_displacements(problem, facets.cells[:, 0], corners)
-    ends = X[q.facet] + 0.0  # no negative zeros, which would duplicate corners
-    own = np.column_stack([q.points, values, ends.reshape(-1, 6)])
+    state = problem.state[i]
+    facets, cells, local = problem.discretization.active[i].facets.first_side
+    corners = corners_of_local(problem.mesh, local)[:, :2]
+    X, _ = positions_and_displacements(problem, cells, corners)
+    # no negative zeros, which would duplicate corners
+    ends = X[np.searchsorted(facets, state.facet)] + 0.0
+    own = np.column_stack([state.points, values, ends.reshape(-1, 6)])
     rows = np.concatenate(problem.comm.allgather(own))
     return rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7:]
 

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.agreement import together
-from ..interface.interface import Which, number_of
+from ..interface.interface import Which
 from ..interface.points import InterfaceState
-from ..laws import Law
 from ..problem.problem import Problem
 
 #: A scalar of :func:`scalar` by name, or a function of a state with one value per point.
@@ -55,8 +54,7 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
     if name == "mode":
         return state.mode.astype(float)
     if name == "damage":
-        active = problem.discretization.active.get(number_of(problem.interfaces, interface))
-        return np.zeros(0) if active is None else damage(state.softening, active.law)
+        return state.damage
     if name in VECTORS:
         return _along(getattr(state, name), state)
     return _across(state.gap if name == "slip" else state.traction, state)
@@ -96,11 +94,6 @@ def traction_integrals(state: InterfaceState) -> NDArray[np.float64]:
     return state.weights @ np.column_stack([_along(T, state), _across(T, state), np.ones(len(T))])
 
 
-def damage(softening: NDArray[np.float64], law: Law) -> NDArray[np.float64]:
-    """Q relative to the strength of the law at the points (nq,); 1 for a law without a bond."""
-    return softening / law.strength if law.has_bond else np.ones(len(softening))
-
-
 def _normal(state: InterfaceState) -> NDArray[np.float64]:
     """R.N (nq, d), outward from side 1 in the deformed body."""
     return np.einsum("pij,pj->pi", state.rotation, state.normal)
@@ -114,24 +107,32 @@ def _across(vector: NDArray[np.float64], state: InterfaceState) -> NDArray[np.fl
     return np.linalg.norm(vector - _along(vector, state)[:, None] * _normal(state), axis=1)
 
 
-def facet_modes(mode: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The predominant mode of each facet (nf,), the later one of equals.
+def facet_means(state: InterfaceState, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means over the facets of :func:`open_facets` (nf, ...) of values at the points (nq, ...)."""
+    facets, where = np.unique(state.facet, return_inverse=True)
+    integrals = np.zeros((len(facets), *values.shape[1:]))
+    np.add.at(integrals, where, (values.T * state.weights).T)
+    return (integrals.T / np.bincount(where, state.weights, minlength=len(facets))).T
 
-    Args:
-        mode: At the points of every facet (nf, n).
-        weights: Their areas (nf, n).
-    """
-    kinds = np.unique(mode)
+
+def open_facets(state: InterfaceState) -> NDArray[np.int32]:
+    """Facets of side 1 that have points, ascending (nf,)."""
+    return np.unique(state.facet)
+
+
+def facet_modes(state: InterfaceState) -> NDArray[np.float64]:
+    """The predominant mode of each facet of :func:`open_facets` (nf,), the later one of equals."""
+    kinds = np.unique(state.mode)
     if not len(kinds):
-        return np.zeros(len(mode))
-    shares = np.einsum("fpk,fp->fk", mode[..., None] == kinds, weights)
+        return np.zeros(0)
+    shares = facet_means(state, (state.mode[:, None] == kinds).astype(float))
     # Halves of a facet are equal up to rounding.
     most = shares >= (1 - 1e-6) * shares.max(axis=1, keepdims=True)
-    return kinds[len(kinds) - 1 - np.argmax(most[:, ::-1], axis=1)]
+    return kinds[len(kinds) - 1 - np.argmax(most[:, ::-1], axis=1)].astype(float)
 
 
 def facet_scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]:
-    """A scalar of :func:`scalar` for every open facet of an interface this rank owns (nf,).
+    """A scalar of :func:`scalar` for every facet of :func:`open_facets` (nf,).
 
     Means; the predominant mode, and the root mean square of the fine scales (24): a local measure
     of the error (Figures 18 and 22 of the report), of order h^(k+1).
@@ -141,14 +142,7 @@ def facet_scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.fl
         interface: Its number, its name or itself.
         name: As for :func:`scalar`.
     """
-    i = number_of(problem.interfaces, interface)
-    if i not in problem.discretization.active:
-        return np.zeros(0)
-    values = scalar(problem, i, name)
-    q = problem.discretization.active[i].quadrature
+    state, values = problem.state[interface], scalar(problem, interface, name)
     if name == "fine_scale":
-        return np.sqrt(q.facet_means(values**2))
-    if name == "mode":
-        points, weights = q.by_facet
-        return facet_modes(values[points], weights)
-    return q.facet_means(values)
+        return np.sqrt(facet_means(state, values**2))
+    return facet_modes(state) if name == "mode" else facet_means(state, values)

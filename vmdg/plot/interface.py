@@ -16,7 +16,14 @@ from ..interface.interface import Which, number_of
 from ..laws import Mode
 from ..output.corners import corners_of_local, positions_and_displacements
 from ..output.profile import profile
-from ..output.values import LABELS, Quantity, facet_scalar, values_at_points
+from ..output.values import (
+    LABELS,
+    Quantity,
+    facet_means,
+    facet_scalar,
+    open_facets,
+    values_at_points,
+)
 from ..problem.problem import Problem
 from .stress import Limits, add_colorbar, axis_names, on_first_rank
 
@@ -202,11 +209,12 @@ def _open_facets(
     d, active = problem.mesh.geometry.dim, problem.discretization.active.get(i)
     if active is None:
         return np.zeros((0, d, 3)), np.zeros((0, d)), np.zeros(0)
-    facets, quadrature = active.facets, active.quadrature
-    rows, _ = facets.distinct
-    corners = corners_of_local(problem.mesh, facets.local[rows, 0])
-    X, _ = positions_and_displacements(problem, facets.cells[rows, 0], corners)
-    normals = quadrature.facet_means(quadrature.normal)
+    state = problem.state[i]
+    facets, cells, local = active.facets.first_side
+    rows = np.searchsorted(facets, open_facets(state))
+    corners = corners_of_local(problem.mesh, local[rows])
+    X, _ = positions_and_displacements(problem, cells[rows], corners)
+    normals = facet_means(state, state.normal)
     gathered = problem.comm.allgather((X, normals, facet_scalar(problem, i, quantity)))
     corners, normals, values = (np.concatenate(parts) for parts in zip(*gathered, strict=True))
     return corners, normals, values

@@ -557,11 +557,13 @@ class Problem:
             active = self.discretization.active.get(i)
             if not one.law.has_bond or not (every or i == chosen):
                 continue
+            whole = 0.0
             if active is not None:
-                broken = active.history.softening >= BROKEN * active.law.strength
-                areas[0] += active.quadrature.weights[broken].sum()
+                intact = active.history.softening < BROKEN * active.law.strength
+                whole = active.bonded_area
+                areas[0] += whole - active.quadrature.weights[intact].sum()
             area = self.step.activation.area(i)
-            areas[1] += active.quadrature.weights.sum() if area is None else area
+            areas[1] += whole if area is None else area
         broken, area = global_sum(self.comm, areas)
         return float(broken / area) if area > 0 else 0.0
 
@@ -622,15 +624,17 @@ class Problem:
         return global_sum(self.comm, forces.reshape(-1, d)[nodes].sum(axis=0))
 
     def fine_scale(self, interface: Which) -> NDArray[np.float64]:
-        """Fine scales (24) at the facet points of an interface, both sides (nq, 2, d) [mm].
+        """Fine scales (24) at the points of :attr:`state`, both sides (nq, 2, d) [mm].
 
         Args:
             interface: Its number, its name or the interface itself.
         """
         i = number_of(self.interfaces, interface)
-        if i not in self.discretization.active:
-            return np.zeros((0, 2, self.mesh.geometry.dim))
-        return fine_scales(self.discretization.active[i])
+        found = np.zeros((len(self.state[i].weights), 2, self.mesh.geometry.dim))
+        if i in self.discretization.active:
+            scales = fine_scales(self.discretization.active[i])
+            found[: len(scales)] = scales
+        return found
 
     @of_all_ranks
     def fine_scale_error(self, interface: Which) -> float:
