@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Block, MeshArrays
+from .arrays import EDGES_OF, HEXAHEDRON_20, Block, MeshArrays
 
 #: Element families, with dimension and gmsh type for every number of nodes.
 _LINES = {2: (1, 1), 3: (1, 8)}
@@ -57,17 +57,19 @@ _FACES: dict[tuple[int, int], list[tuple[int, ...]]] = {
 
 #: Corners of the cells of these types, and the type of their faces.
 _SHAPE = {2: (2, 3), 3: (2, 4), 4: (3, 4), 5: (3, 8), 9: (2, 3), 10: (2, 4), 11: (3, 4)}
-_FACE_KIND = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9}
+_SHAPE |= {16: (2, 4), 17: (3, 8)}
+_FACE_KIND = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 16: 8, 17: 16}
 
 #: Edges of cells of degree 2 in the order of the nodes on them, of gmsh.
-_EDGES: dict[int, list[tuple[int, ...]]] = {
-    9: [(0, 1), (1, 2), (0, 2)],
-    10: [(0, 1), (1, 2), (2, 3), (0, 3)],
-    11: [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)],
+_EDGES: dict[int, tuple[tuple[int, ...], ...]] = {
+    9: ((0, 1), (1, 2), (0, 2)),
+    10: EDGES_OF[16],
+    11: ((0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)),
+    **EDGES_OF,
 }
 
 #: Node order of Abaqus in terms of that of gmsh, where they differ.
-_TO_GMSH = {11: [*range(8), 9, 8]}
+_TO_GMSH = {11: [*range(8), 9, 8], 17: HEXAHEDRON_20}
 
 #: Keywords that generate nodes or elements, or include them from elsewhere.
 _GENERATE = ("INCLUDE", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
@@ -94,6 +96,7 @@ def read_abaqus(path: Path) -> MeshArrays:
     points: list[list[float]] = []
     elements: dict[int, tuple[int, int, NDArray[np.int64]]] = {}
     sets: dict[str, dict[int, None]] = defaultdict(dict)
+    node_sets: dict[str, dict[int, None]] = defaultdict(dict)
     internal: set[str] = set()
     surfaces: dict[str, list[list[str]]] = defaultdict(list)
     seen: dict[str, int] = defaultdict(int)
@@ -103,7 +106,9 @@ def read_abaqus(path: Path) -> MeshArrays:
         """A name in its first spelling; Abaqus ignores case."""
         return spelt.setdefault(word.upper(), word)
 
-    for keyword, given, lines in _sections(path):
+    sections = list(_sections(path))
+    made: dict[int, list[int]] = {}
+    for place, (keyword, given, lines) in enumerate(sections):
         seen[keyword] += 1
         if keyword in ("PART", "INSTANCE") and (seen[keyword] > 1 or any(map(any, lines))):
             raise ValueError(
@@ -115,18 +120,29 @@ def read_abaqus(path: Path) -> MeshArrays:
                 f"*{keyword} is not read; write a file with all nodes and elements in it"
             )
         if keyword == "NODE":
-            for words in lines:
-                number[_whole(words[0])] = len(points)
-                points.append([float(word or 0) for word in (words[1:] + ["0", "0"])[:3]])
+            made[place] = [_whole(words[0]) for words in lines]
+            for label, words in zip(made[place], lines, strict=True):
+                number[label] = len(points)
+                points.append([_number(word) for word in (words[1:] + ["0", "0"])[:3]])
         elif keyword == "ELEMENT":
-            made = list(_elements(given.get("TYPE", "").upper(), lines, number))
-            elements |= {label: (dim, kind, nodes) for label, dim, kind, nodes in made}
-            if "ELSET" in given:
-                sets[called(given["ELSET"])] |= dict.fromkeys(label for label, *_ in made)
-        elif keyword == "ELSET":
-            name = called(given.get("ELSET", ""))
+            found = list(_elements(given.get("TYPE", "").upper(), lines, number))
+            elements |= {label: (dim, kind, nodes) for label, dim, kind, nodes in found}
+            made[place] = [label for label, *_ in found]
+    for place, (keyword, given, lines) in enumerate(sections):
+        of_nodes = keyword in ("NODE", "NSET")
+        known, called_sets = (number, node_sets) if of_nodes else (elements, sets)
+        key = "NSET" if of_nodes else "ELSET"
+        if place in made and key in given:
+            called_sets[called(given[key])] |= dict.fromkeys(made[place])
+        elif of_nodes and "ELSET" in given:
+            labels, cells = list(number), sets[called(given["ELSET"])]
+            nodes = (labels[i] for label in cells if label in elements for i in elements[label][2])
+            node_sets[called(given.get(key, ""))] |= dict.fromkeys(nodes)
+        elif keyword == key:
+            name = called(given.get(key, ""))
             named = [[called(word) for word in line] for line in lines]
-            sets[name] |= dict.fromkeys(_members(named, "GENERATE" in given, sets))
+            members = _members(named, "GENERATE" in given, called_sets, known)
+            called_sets[name] |= dict.fromkeys(members)
             if "INTERNAL" in given:
                 internal.add(name)
         elif keyword == "SURFACE" and given.get("TYPE", "ELEMENT").upper() == "ELEMENT":
@@ -140,7 +156,12 @@ def read_abaqus(path: Path) -> MeshArrays:
     blocks, names = blocks + faces, names | more
     there = {(block.dim, block.group) for block in blocks}
     by_dim = {d: {n: t for n, t in names.items() if (d, t) in there} for d in (dim, dim - 1)}
-    return MeshArrays(np.array(points), blocks, by_dim)
+    nodes = {
+        name: np.array([number[label] for label in members if label in number], dtype=np.int64)
+        for name, members in node_sets.items()
+        if name not in internal
+    }
+    return MeshArrays(np.array(points), blocks, by_dim, nodes=nodes)
 
 
 def _sections(path: Path) -> Iterator[_Section]:
@@ -176,11 +197,19 @@ def _sections(path: Path) -> Iterator[_Section]:
 def _whole(word: str) -> int:
     """A label."""
     try:
-        return int(word)
-    except ValueError:
+        return int(np.int64(int(word)))
+    except (ValueError, OverflowError):
         raise ValueError(
-            f"{word!r} is not a node or element number; is it a complete Abaqus input file?"
+            f"{word:.40} is not a node or element number; is it a complete Abaqus input file?"
         ) from None
+
+
+def _number(word: str) -> float:
+    """A coordinate; 0 where it is left out."""
+    try:
+        return float(word or 0)
+    except ValueError:
+        raise ValueError(f"{word:.40} is not a coordinate; is the file complete?") from None
 
 
 def _elements(
@@ -218,22 +247,28 @@ def _kind(type_: str) -> tuple[int, int, int]:
 
 
 def _members(
-    lines: list[list[str]], generate: bool, sets: dict[str, dict[int, None]]
+    lines: list[list[str]],
+    generate: bool,
+    sets: Mapping[str, Mapping[int, None]],
+    known: Collection[int],
 ) -> Iterator[int]:
     """Labels of a set, which may be given by first, last and step, or by names of other sets."""
     for line in lines:
         words = [word for word in line if word]
         if generate:
-            first, last, *step = map(_whole, words)
-            yield from range(first, last + 1, *step)
+            if len(words) not in (2, 3):
+                raise ValueError("a set with GENERATE needs first, last and step")
+            first, last, step = map(_whole, [*words, "1"][:3])
+            labels = range(first, last + 1, max(step, 1))
+            yield from labels if len(labels) <= len(known) else filter(labels.__contains__, known)
             continue
         for word in words:
-            if word.lstrip("-").isdigit():
-                yield int(word)
+            if word.isdecimal():
+                yield _whole(word)
             elif word in sets:
                 yield from sets[word]
             else:
-                raise ValueError(f"*ELSET names the set {word!r}, which does not exist")
+                raise ValueError(f"a set names the set {word!r}, which does not exist")
 
 
 def _blocks(
@@ -274,8 +309,8 @@ def _faces(
     for name, lines in surfaces.items():
         facets = []
         for where, face, *_ in (words for words in lines if len(words) > 1):
-            labels = [int(where)] if where.isdigit() else sets.get(where, {})
-            if re.fullmatch(r"S\d", face.upper()):
+            labels = [_whole(where)] if where.isdecimal() else sets.get(where, {})
+            if re.fullmatch(r"S[1-9]", face.upper()):
                 cells = (elements[label] for label in labels if label in elements)
                 found = (_face(cell, int(face[1])) for cell in cells)
                 facets += [facet for facet in found if facet is not None]

@@ -4,7 +4,7 @@ merged."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-#: Nodes closer than this, relative to the longest side of the mesh, coincide.
-COINCIDENT = 1e-7
+from .gmsh_model import COINCIDENT
 
 #: Largest plausible average number of coincident nodes.
 MANY = 20
@@ -27,6 +26,30 @@ _FLAT: dict[int, tuple[list[tuple[int, ...]], int]] = {
     5: ([(0, 1, 2, 3), (0, 1, 5, 4), (1, 2, 6, 5)], 3),
     6: ([(0, 1, 2)], 2),
 }
+
+
+#: Corners of the edges of incomplete cells of degree 2 by gmsh type, and of their faces (the last
+#: one the cell) in the order of the nodes that complete them.
+EDGES_OF = {
+    16: ((0, 1), (1, 2), (2, 3), (0, 3)),
+    17: (
+        ((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3))
+        + ((2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7))
+    ),
+}
+_FACES_OF = {
+    16: ((0, 1, 2, 3),),
+    17: (
+        ((0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 7, 3), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7))
+        + (tuple(range(8)),)
+    ),
+}
+_COMPLETE = {16: 10, 17: 12}
+#: Their type with straight edges and its number of nodes; also of edges.
+_STRAIGHT = {8: (1, 2), 16: (3, 4), 17: (5, 8)}
+
+#: Nodes 8 to 19 of a hexahedron in gmsh, by their place in VTK and Abaqus.
+HEXAHEDRON_20 = [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]
 
 
 class Block(NamedTuple):
@@ -56,12 +79,14 @@ class MeshArrays:
         blocks: Its cells and facets.
         names: By dimension, tag by name of the group.
         shift: Offset of cell tags relative to the file: tags of gmsh start at 1.
+        nodes: Indices of the points in sets of nodes, by name.
     """
 
     points: NDArray[np.float64]
     blocks: list[Block]
     names: Mapping[int, Mapping[str, int]]
     shift: int = 0
+    nodes: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
 
     @cached_property
     def dim(self) -> int:
@@ -93,11 +118,11 @@ def from_gmsh(gmsh_model: Any) -> MeshArrays:
     """Cells and facets of a gmsh model.
 
     Raises:
-        ValueError: it has no cells in a plane or in space.
+        ValueError: it has no cells in a plane or in space, or lacks nodes of theirs.
     """
     tags, points, _ = gmsh_model.mesh.getNodes()
-    rows = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
-    rows[tags] = np.arange(len(tags))
+    order = np.argsort(tags)
+    ascending = tags[order]
     blocks = []
     for dim, entity in gmsh_model.getEntities():
         # A negative tag reverses the orientation of the entity, which does not matter here.
@@ -105,7 +130,10 @@ def from_gmsh(gmsh_model: Any) -> MeshArrays:
         kinds, _, nodes = gmsh_model.mesh.getElements(dim, entity)
         for kind, flattened in zip(kinds, nodes, strict=True):
             count = gmsh_model.mesh.getElementProperties(kind)[3]
-            cells = rows[flattened].reshape(-1, count)
+            places_of = np.minimum(np.searchsorted(ascending, flattened), len(tags) - 1)
+            if (ascending[places_of] != flattened).any():
+                raise ValueError("its cells have nodes that do not exist; is it complete?")
+            cells = order[places_of].reshape(-1, count)
             blocks += [Block(dim, int(kind), cells, group, entity) for group in groups or [0]]
     names: dict[int, dict[str, int]] = {}
     for dim, tag in gmsh_model.getPhysicalGroups():
@@ -130,17 +158,19 @@ def only_cells_and_facets(mesh: MeshArrays) -> MeshArrays:
     return replace(mesh, blocks=blocks, names=names)
 
 
-def into_gmsh(gmsh_model: Any, mesh: MeshArrays) -> None:
-    """Replace the gmsh model by a mesh with one group per cell or facet, without unused nodes."""
+def into_gmsh(gmsh_model: Any, mesh: MeshArrays) -> dict[str, NDArray[np.int64]]:
+    """Replace the gmsh model by a mesh with one group per cell or facet, without unused nodes and
+    facets of no group; return the tags of the nodes of sets, as far as they are used."""
     gmsh.clear()
     gmsh_model.add("mesh")
+    blocks = [block for block in mesh.blocks if block.dim == mesh.dim or block.group]
     used, renumbered = np.unique(
-        np.concatenate([block.nodes.ravel() for block in mesh.blocks]), return_inverse=True
+        np.concatenate([block.nodes.ravel() for block in blocks]), return_inverse=True
     )
-    begins = np.cumsum([block.nodes.size for block in mesh.blocks])[:-1]
+    begins = np.cumsum([block.nodes.size for block in blocks])[:-1]
     groups: dict[tuple[int, int], list[int]] = {}
     nodes = np.split(renumbered.ravel() + 1, begins)
-    for number, (block, of_block) in enumerate(zip(mesh.blocks, nodes, strict=True), 1):
+    for number, (block, of_block) in enumerate(zip(blocks, nodes, strict=True), 1):
         gmsh_model.addDiscreteEntity(block.dim, number)
         if number == 1:
             tags = np.arange(1, len(used) + 1)
@@ -153,6 +183,8 @@ def into_gmsh(gmsh_model: Any, mesh: MeshArrays) -> None:
     for (dim, group), entities in groups.items():
         if group:
             gmsh_model.addPhysicalGroup(dim, entities, group, mesh.name.get((dim, group), ""))
+    tags_of = {name: np.flatnonzero(np.isin(used, one)) + 1 for name, one in mesh.nodes.items()}
+    return {name: one for name, one in tags_of.items() if len(one)}
 
 
 def size(points: NDArray[np.float64]) -> float:
@@ -222,7 +254,63 @@ def merged(mesh: MeshArrays, place: NDArray[np.int64]) -> MeshArrays:
         blocks.append(block._replace(nodes=nodes[~flat]))
     left = {(block.dim, block.group) for block in blocks if len(block.nodes)}
     names = {d: {n: t for n, t in of.items() if (d, t) in left} for d, of in names.items()}
-    return replace(mesh, blocks=[block for block in blocks if len(block.nodes)], names=names)
+    sets = {name: place[nodes] for name, nodes in mesh.nodes.items()}
+    blocks = [block for block in blocks if len(block.nodes)]
+    return replace(mesh, blocks=blocks, names=names, nodes=sets)
+
+
+def completed(mesh: MeshArrays) -> tuple[MeshArrays, str | None]:
+    """Cells of 20 nodes (in 2D 8) as cells of 8 (4) if all edges are straight, otherwise of 27 (9);
+    and words that say so."""
+    old = [block for block in mesh.blocks if block.kind in EDGES_OF]
+    if all(block.dim < mesh.dim for block in old):
+        return mesh, None
+    reach = COINCIDENT * size(mesh.points)
+    curved = any(_off_middles(mesh.points[block.nodes], block.kind) > reach for block in old)
+    count = ((8, 4, 9), (20, 8, 27))[mesh.dim - 2]
+    words = (
+        f"its cells of {count[0]} nodes become cells of {count[1 + curved]} nodes with the same "
+        "shape; Problem(degree=2) makes the displacement quadratic"
+    )
+    if curved:
+        return _with_middles(mesh), words
+    blocks = []
+    for block in mesh.blocks:
+        kind, corners = _STRAIGHT.get(block.kind, (block.kind, None))
+        blocks.append(block._replace(kind=kind, nodes=block.nodes[:, :corners]))
+    return replace(mesh, blocks=blocks), words
+
+
+def _off_middles(x: NDArray[np.float64], kind: int) -> float:
+    """Largest distance of the nodes on edges from the middles, of cells x (n, nodes, 3)."""
+    edges = np.array(EDGES_OF[kind])
+    return float(np.abs(x[:, -len(edges) :] - x[:, edges].mean(axis=2)).max(initial=0.0))
+
+
+def _with_middles(mesh: MeshArrays) -> MeshArrays:
+    """Complete cells: nodes on faces and in the middle, where the interpolation by the nodes of the
+    incomplete cell has them: -1/4 of the corners and 1/2 (on a face) or 1/4 of the nodes on
+    edges."""
+    keys, places_of = [], []
+    for block in mesh.blocks:
+        edges = np.array(EDGES_OF.get(block.kind, []))
+        for face in _FACES_OF.get(block.kind, ()):
+            on = np.flatnonzero(np.isin(edges, face).all(axis=1)) - len(edges)
+            at_corners, at_edges = (mesh.points[block.nodes[:, i]] for i in (list(face), on))
+            share = 1 / 2 if len(face) == 4 else 1 / 4
+            places_of.append(share * at_edges.sum(axis=1) - at_corners.sum(axis=1) / 4)
+            keys.append(np.full((len(block.nodes), 8), -1))
+            keys[-1][:, : len(face)] = np.sort(block.nodes[:, face], axis=1)
+    ends = np.cumsum([len(key) for key in keys])[:-1]
+    _, first, which = np.unique(np.vstack(keys), axis=0, return_index=True, return_inverse=True)
+    new = iter(np.split(len(mesh.points) + which.ravel(), ends))
+    blocks = []
+    for block in mesh.blocks:
+        nodes = np.column_stack([block.nodes, *(next(new) for _ in _FACES_OF.get(block.kind, ()))])
+        blocks.append(block._replace(kind=_COMPLETE.get(block.kind, block.kind), nodes=nodes))
+    return replace(
+        mesh, points=np.vstack([mesh.points, np.vstack(places_of)[first]]), blocks=blocks
+    )
 
 
 def _collapsed(kind: int, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import mmap
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from numbers import Real
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,6 +19,7 @@ import numpy as np
 import ufl
 from dolfinx.io import XDMFFile
 from dolfinx.mesh import Mesh, create_mesh, meshtags
+from numpy.typing import NDArray
 
 from vmdg.base.parallel import warn_together
 from vmdg.base.words import checked_path, near_keywords
@@ -27,6 +28,7 @@ from vmdg.domain.tags import NamedTags, names_of
 from .abaqus import read_abaqus
 from .arrays import (
     MeshArrays,
+    completed,
     count_flat,
     entities_as_groups,
     from_gmsh,
@@ -35,8 +37,9 @@ from .arrays import (
     one_group_each,
     places,
 )
+from .bounded import alone, bounded, converted
 from .foreign import endings, read_foreign
-from .gmsh_model import TaggedMesh, distribute, model, name_groups
+from .gmsh_model import NodeSet, TaggedMesh, distribute, model, name_groups
 from .partition import cell_partitioner
 from .plane import Plane
 
@@ -46,9 +49,9 @@ CELL_TAGS, FACET_TAGS = "cell_tags", "facet_tags"
 #: Value of ``groups`` that makes every geometric entity without a group a group.
 ENTITIES = "entities"
 
-#: Keywords at the beginning and after the elements of a .msh of gmsh or Neper, in formats 1, 2 and
-#: 4.
-BEGIN, END = (b"$MeshFormat", b"$NOD"), (b"$EndElements", b"$ENDELM")
+#: First word, and the word after the elements, of a .msh of gmsh or Neper, in formats 1, 2 and 4.
+#: gmsh executes a file that begins otherwise as a script, which may run commands.
+BEGIN, END = (b"$MeshFormat", b"$NOD", b"$Comments"), (b"$EndElements", b"$ENDELM")
 
 T = TypeVar("T")
 
@@ -73,10 +76,16 @@ def read_mesh(
     * .xdmf: the tags that :func:`write_mesh` and ``dolfinx.io.XDMFFile`` write, read by all ranks,
       or an attribute of the grid, as meshio writes it;
     * .inp of Abaqus and CalculiX: sets of elements (*ELSET) and surfaces of their faces (*SURFACE);
+      sets of nodes (*NSET) are in ``nodes`` of the result;
+    * .unv of I-DEAS and Salome: groups of elements;
     * .med, .vtu, .vtk, .bdf and others: sets of meshio, or integer cell data.
 
+    Cells of 20 nodes (C3D20, C3D20R), in 2D of 8, become cells of 8 and 4 nodes where their edges
+    are straight, and otherwise of 27 and 9, with the same shape. A file is read only: it cannot run
+    commands, and the memory it takes is bounded by its size.
+
     Args:
-        path: A file. All but .msh, .inp and XDMF of DOLFINx need meshio (the extra "mesh").
+        path: A file. All but .msh, .unv, .inp and XDMF of DOLFINx need meshio (the extra "mesh").
         comm: Communicator.
         cell_tags: Name of the tags, or data, of the cells; None for "cell_tags" in an XDMF file
             with several grids, otherwise for the only integer data.
@@ -87,7 +96,8 @@ def read_mesh(
             them.
         groups: "entities" makes every volume, surface and curve of gmsh, and every block of cells
             of other files, a group if it is in none: "surface 1" has tag 1. Names or tags select
-            the groups to use where a cell is in several; the others are ignored.
+            the groups to use where a cell is in several; the others are ignored, and facets of no
+            group are dropped.
         plane: Where a 2D mesh lies, if not in a plane z = const: see :func:`distribute`.
 
     Raises:
@@ -107,11 +117,15 @@ def read_mesh(
                 )
             return _read_xdmf(path, comm, grids, words, cell_tags, facet_tags)
         with model("file") as gmsh_model:
-            gdim, shift, warning = _on_root(
+            gdim, shift, nodes, warnings = _on_root(
                 comm, lambda: _load(path, gmsh_model, cell_tags, facet_tags, merge, groups)
             )
-            warn_together(comm, warning and f"read_mesh: {path}: {warning}")
-            return shifted(distribute(gmsh_model, comm, gdim, plane=plane), shift)
+            for warning in warnings:
+                warn_together(comm, f"read_mesh: {path}: {warning}")
+            tagged = shifted(distribute(gmsh_model, comm, gdim, plane=plane), shift)
+            points = _on_root(comm, lambda: _points_of(gmsh_model, nodes))
+            tagged.nodes = {name: NodeSet(x) for name, x in points.items()}
+            return tagged
     except ValueError as error:
         raise ValueError(f"read_mesh: {path}: {error}") from None
     except ImportError as error:
@@ -126,6 +140,8 @@ def _on_root(comm: MPI.Comm, call: Callable[[], T]) -> T:
             result = call()
         except (ValueError, ImportError, OSError) as raised:
             error = ValueError(str(raised)) if isinstance(raised, OSError) else raised
+        except Exception as raised:  # what a file that is not what it seems makes readers raise
+            error = ValueError(f"it is damaged ({type(raised).__name__}: {raised})")
     result, error = comm.bcast((result, error))
     if error is not None:
         raise error
@@ -136,11 +152,11 @@ def _door(path: Path) -> tuple[list[str], dict[str, str]]:
     """Check that a file is readable; return the grids of a DOLFINx XDMF file and its other data, by
     name."""
     name = path.name.lower()
-    if not name.endswith((".msh", ".inp", ".xdmf")):
+    if not name.endswith((".msh", ".unv", ".inp", ".xdmf")):
         known = endings()
         if not name.endswith(known):
             raise ValueError(
-                "its suffix must be .msh, .inp, .xdmf or another one that meshio reads: "
+                "its suffix must be .msh, .unv, .inp, .xdmf or another one that meshio reads: "
                 f"{', '.join(known)}"
             )
     if not path.is_file():
@@ -150,7 +166,8 @@ def _door(path: Path) -> tuple[list[str], dict[str, str]]:
     if not name.endswith(".xdmf"):
         return [], {}
     try:
-        root = ElementTree.parse(path).getroot()
+        with bounded(path.stat().st_size):
+            root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
         raise ValueError(f"it is not a complete XML file ({error}); is it truncated?") from None
     for item in root.iterfind(".//DataItem[@Format='HDF']"):
@@ -171,17 +188,12 @@ def _load(
     facet_tags: str | None,
     merge: bool | float | None,
     groups: str | Collection[str | int] | None,
-) -> tuple[int, int, str | None]:
-    """Load a file into gmsh: dimension, shift of the tags of cells, and a warning."""
+) -> tuple[int, int, dict[str, NDArray[np.int64]], list[str]]:
+    """Load a file into gmsh: dimension, shift of the tags of cells, tags of the nodes of sets, and
+    warnings."""
     if isinstance(groups, str) and groups != ENTITIES:
         groups = [groups]
-    changed = True
-    if path.suffix.lower() == ".msh":
-        mesh, changed = _load_gmsh(path, gmsh_model)
-    elif path.suffix.lower() == ".inp":
-        mesh = read_abaqus(path)
-    else:
-        mesh = read_foreign(path, cell_tags, facet_tags)
+    mesh, changed = _arrays(path, gmsh_model, cell_tags, facet_tags)
     if not np.isfinite(mesh.points).all():
         raise ValueError("it has nodes whose coordinates are not finite")
     join = merge is not None and merge is not False
@@ -196,21 +208,59 @@ def _load(
             "needs none, since its interfaces are facets: merge=True drops them and merges the "
             "nodes"
         )
-    warning = None
+    warnings = []
     if twice and merge is None:
-        warning = (
+        warnings.append(
             f"{twice} nodes coincide with another one, so bodies that seem to touch there are not "
             "connected; merge=True merges them, merge=False keeps them without this warning"
         )
     if join and twice:
         mesh, changed = merged(mesh, place), True
+    mesh, words = completed(mesh)
+    if words:
+        changed = True
+        warnings.append(words)
+    sets: dict[str, NDArray[np.int64]] = {}
     if changed or groups is not None:
         mesh = one_group_each(mesh, None if groups == ENTITIES else groups)
         if groups == ENTITIES:
             mesh = entities_as_groups(mesh)
-        into_gmsh(gmsh_model, mesh)
+        sets = into_gmsh(gmsh_model, mesh)
     _check_groups(mesh)
-    return mesh.dim, mesh.shift, warning
+    return mesh.dim, mesh.shift, sets, warnings
+
+
+def _arrays(
+    path: Path, gmsh_model: Any, cell_tags: str | None, facet_tags: str | None
+) -> tuple[MeshArrays, bool]:
+    """The mesh of a file, and whether it differs from the one that gmsh has loaded."""
+    with bounded(_size(path)):
+        if path.suffix.lower() in (".msh", ".unv"):
+            with alone(path) as copy:
+                if path.suffix.lower() == ".msh":
+                    return _load_gmsh(copy, gmsh_model)
+                mesh, _ = _load_gmsh(converted(copy), gmsh_model)
+                return mesh, True
+        if path.suffix.lower() == ".inp":
+            return read_abaqus(path), True
+        return read_foreign(path, cell_tags, facet_tags), True
+
+
+def _size(path: Path) -> int:
+    """Of a file and, for XDMF, of the files of its data [bytes]."""
+    size = path.stat().st_size
+    if path.suffix.lower() in (".xdmf", ".xmf"):
+        size += sum(file.stat().st_size for file in path.parent.glob(f"{path.stem}*.h5"))
+    return size
+
+
+def _points_of(
+    gmsh_model: Any, nodes: Mapping[str, NDArray[np.int64]]
+) -> dict[str, NDArray[np.float64]]:
+    """Coordinates (n, 3) of sets of nodes given by their tags, 1 to the number of nodes."""
+    tags, points, _ = gmsh_model.mesh.getNodes() if nodes else ([], np.zeros(0), None)
+    points = points.reshape(-1, 3)[np.argsort(tags)]
+    return {name: points[one - 1] for name, one in nodes.items()}
 
 
 def _check_groups(mesh: MeshArrays) -> None:
@@ -237,7 +287,7 @@ def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
     """A file of gmsh or Neper, and whether its groups differ from those that gmsh has loaded."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         begin = bytes(content[:4096])
-        if not any(word in begin for word in BEGIN):
+        if not begin.startswith(BEGIN) or not any(word in begin for word in BEGIN[:2]):
             raise ValueError(
                 f"it is not a gmsh file: it begins with {begin[:20].decode(errors='replace')!r}; "
                 "let the program that made it write .inp, .med or .vtu"
@@ -245,11 +295,8 @@ def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
         last = bytes(content[-4096:]).rstrip().rpartition(b"\n")[2]
         if not last.upper().startswith(b"$END") or all(content.find(word) < 0 for word in END):
             raise ValueError("it is truncated: its last section or its elements have no $End")
-        bare_names = list(_bare_names(content))
-    try:
-        gmsh.open(str(path))
-    except Exception as error:  # gmsh raises no other class
-        raise ValueError(f"gmsh cannot read it ({error}); is it complete?") from None
+        names = list(_physical_names(content))
+    _open(path)
     parts = gmsh_model.getNumberOfPartitions()
     if parts:
         with_cells = {
@@ -264,8 +311,11 @@ def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
                 "(Mesh.PartitionSplitMeshFiles 0)"
             )
         gmsh_model.mesh.unpartition()
-    for dim, tag, name in bare_names:
-        name_groups(gmsh_model, dim, {name: tag})
+    for dim, tag, name in names:
+        if not name.startswith(
+            '"'
+        ):  # which gmsh ignores; Neper writes them so (its manual, Mesh File)
+            name_groups(gmsh_model, dim, {name: tag})
     mesh = from_gmsh(gmsh_model)
     entities = [
         (dim, e) for dim in (mesh.dim, mesh.dim - 1) for _, e in gmsh_model.getEntities(dim)
@@ -281,18 +331,31 @@ def _load_gmsh(path: Path, gmsh_model: Any) -> tuple[MeshArrays, bool]:
     return mesh, several or spare
 
 
-def _bare_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
-    """Dimension, tag and name of physical groups with unquoted names, which gmsh ignores.
+def _open(path: Path) -> None:
+    """Open in gmsh a copy whose first bytes have been checked."""
+    try:
+        gmsh.open(str(path))
+    except Exception as error:  # gmsh raises no other class
+        words = str(error).replace(str(path), path.name)
+        raise ValueError(f"gmsh cannot read it ({words}); is it complete?") from None
 
-    Neper writes them so (its manual, Mesh File).
+
+def _physical_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
+    """Dimension, tag and name of physical groups as they are written.
+
+    Raises:
+        ValueError: a dimension is none; gmsh would write past the end of an array.
     """
     content.seek(max(content.find(b"$PhysicalNames"), 0))
     if not content.readline().startswith(b"$PhysicalNames"):
         return
-    content.readline()  # how many there are
-    while len(words := content.readline().decode(errors="replace").split(maxsplit=2)) == 3:
-        if not words[2].startswith('"'):
-            yield int(words[0]), int(words[1]), words[2].strip()
+    while not (line := content.readline()).startswith(b"$") and line:
+        words = line.decode(errors="replace").split(maxsplit=2)
+        if len(words) == 1:  # how many there are
+            continue
+        if len(words) < 3 or words[0] not in set("0123") or not words[1].isdecimal():
+            raise ValueError(f"{' '.join(words):.60} does not name a physical group")
+        yield int(words[0]), int(words[1]), words[2].strip()
 
 
 def shifted(tagged: TaggedMesh, shift: int) -> TaggedMesh:
@@ -324,7 +387,7 @@ def _read_xdmf(
             "names that mesh and tags had when it was written (MeshTags.name): cell_tags=..."
         )
     try:
-        with XDMFFile(comm, str(path), "r") as file:
+        with bounded(_size(path)), XDMFFile(comm, str(path), "r") as file:
             mesh = _mesh_of(file, comm, grids[0])
             dim = mesh.topology.dim
             mesh.topology.create_connectivity(dim - 1, dim)

@@ -15,7 +15,7 @@ from dolfinx.cpp.io import perm_gmsh, perm_vtk
 from dolfinx.mesh import CellType
 from numpy.typing import NDArray
 
-from .arrays import Block, MeshArrays, only_cells_and_facets, rows_of
+from .arrays import HEXAHEDRON_20, Block, MeshArrays, only_cells_and_facets, rows_of
 
 #: Cell types by their name in meshio: gmsh type, DOLFINx cell.
 _KINDS = {
@@ -111,7 +111,8 @@ def read_foreign(
             in_sets, names[dim] = _by_set(there, sets)
             tagged += in_sets
     both = {dim: names.get(dim, {}) for dim in (bare.dim, bare.dim - 1)}
-    return MeshArrays(points, tagged, both, shift)
+    nodes = {name: np.asarray(one, dtype=np.int64) for name, one in mesh.point_sets.items()}
+    return MeshArrays(points, tagged, both, shift, nodes)
 
 
 def _read(path: Path, form: str | None) -> Any:
@@ -120,7 +121,14 @@ def _read(path: Path, form: str | None) -> Any:
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             mesh = library.read(path, form)
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"meshio reads this format by {error.name}, which is not installed: pip install "
+            f"{error.name}; or write the file as .vtu, .med, .inp or .msh"
+        ) from None
     except (Exception, SystemExit) as error:  # readers may raise anything
+        if isinstance(error, MemoryError):
+            raise
         words = " ".join(said.getvalue().split()) or f"{type(error).__name__}: {error}"
         raise ValueError(
             f"meshio cannot read it ({words}); is it complete, and is its suffix right?"
@@ -138,8 +146,9 @@ def _in_gmsh_order(name: str, nodes: NDArray[np.int64]) -> tuple[int, NDArray[np
             "hexahedra of degree 1 and 2"
         )
     kind, cell = _KINDS[name]
-    if cell is None:  # refused later, where their position is known, or flat
-        return kind, np.asarray(nodes, dtype=np.int64)
+    if cell is None:  # completed, or refused where their position is known, or flat
+        order = HEXAHEDRON_20 if name == "hexahedron20" else slice(None)
+        return kind, np.asarray(nodes, dtype=np.int64)[:, order]
     result = np.empty(nodes.shape, dtype=np.int64)
     count = nodes.shape[1]
     result[:, perm_gmsh(cell, count)] = nodes[:, perm_vtk(cell, count)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
@@ -11,6 +12,8 @@ from mpi4py import MPI
 import gmsh
 import numpy as np
 from dolfinx.mesh import Mesh
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from vmdg import compat
 from vmdg.base.parallel import raise_together
@@ -19,22 +22,46 @@ from vmdg.domain.tags import NamedTags
 from vmdg.meshes.partition import between_bodies, cell_partitioner, slabs, weighted
 from vmdg.meshes.plane import Plane, turn
 
+#: Nodes closer than this, relative to the longest side of the mesh, coincide.
+COINCIDENT = 1e-7
+
 #: Supported cells, by their names in gmsh.
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
-class TaggedMesh(NamedTuple):
+class NodeSet:
+    """Where the nodes of a set are, for ``problem.dirichlet_points(tagged.nodes["tip"], 0.0)``.
+
+    Args:
+        points: Their coordinates (n, 3) [mm].
+    """
+
+    def __init__(self, points: NDArray[np.float64]):
+        self.points = points
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether points x (3, n) are nodes of the set, to rounding (n,)."""
+        reach = COINCIDENT * float(np.ptp(np.vstack([self.points, x.T]), axis=0).max())
+        return cKDTree(self.points).query(x.T, distance_upper_bound=reach)[0] < np.inf
+
+
+class _Tagged(NamedTuple):
+    mesh: Mesh
+    cell_tags: NamedTags
+    facet_tags: NamedTags
+
+
+class TaggedMesh(_Tagged):
     """A mesh with the tags of its physical groups, which may also be found by name.
 
     Attributes:
         mesh: The mesh, with facet ghosts.
         cell_tags: Tags of the cells: ``cell_tags.find("fibre")``.
         facet_tags: Tags of facets: ``facet_tags.find("left")``.
+        nodes: Sets of nodes by name, of files that have such; not part of the tuple.
     """
 
-    mesh: Mesh
-    cell_tags: NamedTags
-    facet_tags: NamedTags
+    nodes: Mapping[str, NodeSet] = MappingProxyType({})
 
 
 @contextmanager

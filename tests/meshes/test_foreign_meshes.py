@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,6 +40,7 @@ class Read:
         places: x of all facets by name or tag.
         given: Arguments of ``read_mesh``.
         ending: Of its name.
+        said: The warning.
     """
 
     write: Callable[[Path], object]
@@ -46,6 +48,7 @@ class Read:
     bodies: dict = field(default_factory=lambda: BODIES)
     places: dict = field(default_factory=lambda: PLACES)
     given: dict[str, Any] = field(default_factory=dict)
+    said: str = ""
 
 
 @dataclass
@@ -224,8 +227,14 @@ def on_a_roof(path: Path) -> None:
     foreign.neper(path, points, (2, CELLS))
 
 
-def incomplete(path: Path) -> None:
-    """Quadrilaterals of 8 nodes."""
+def of_universal(path: Path) -> None:
+    """Groups of elements of I-DEAS, as Salome writes them too."""
+    option = gmsh.option.setNumber
+    foreign.of_gmsh(path, lambda: option("Mesh.SaveGroupsOfElements", 1))
+
+
+def incomplete(path: Path, rise: float = 0.0) -> None:
+    """Quadrilaterals of 8 nodes; the nodes in the middle of edges at the bottom rise."""
     with foreign.model("serendipity") as g:
         gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 1)
         g.occ.addRectangle(0, 0, 0, 1, 1)
@@ -233,8 +242,11 @@ def incomplete(path: Path) -> None:
         g.addPhysicalGroup(2, [1])
         g.mesh.setTransfiniteSurface(1)
         g.mesh.setRecombine(2, 1)
+        for curve in range(1, 5):
+            g.mesh.setTransfiniteCurve(curve, 2)
         g.mesh.generate(2)
         g.mesh.setOrder(2)
+        g.mesh.setNode(g.mesh.getNodes(1, 1)[0][0], [0.5, rise, 0.0], [])
         gmsh.write(str(path))
 
 
@@ -329,7 +341,18 @@ GMSH |= {
         r"more than 20 others within 100; is merge= in its units",
         given={"merge": 100.0},
     ),
-    "gmsh serendipity": Refused(incomplete, r"Quadrilateral 8 \(serendipity\).* of 9 nodes"),
+    "gmsh serendipity": Read(
+        incomplete, bodies={1: 1.0}, places={}, said="cells of 8 nodes become cells of 4 nodes"
+    ),
+    "gmsh, faces curved with 8 nodes": Read(
+        lambda path: incomplete(path, 0.1),
+        bodies={1: 1.0 - 0.1 * 2 / 3},
+        places={},
+        said="of 9 nodes",
+    ),
+    # gmsh names the groups of cells; those of facets with the same numbers have these only.
+    "universal file": Read(of_universal, "unv", places={2: 1.0, 1: 0.0}),
+    "universal file of another program": Refused(text("<html>\n"), "first line is not -1", "unv"),
     "gmsh cut in the elements": Refused(cut(foreign.of_gmsh, 0.8), "truncated"),
     "gmsh cut in the nodes": Refused(cut(foreign.of_gmsh, 0.3), "truncated"),
     "Neper cut behind the elements": Refused(cut(of_neper(2), 0.85), "truncated"),
@@ -547,6 +570,43 @@ def inp_solid(path: Path) -> None:
     path.write_text(foreign.abaqus("C3D10M", points, cells, "\n".join(lines)))
 
 
+def inp_leftover(path: Path) -> None:
+    """A shell of degree 2 whose nodes are of no solid, as in contact decks, and one node alone."""
+    inp_solid(path)
+    words = path.read_text()
+    corners = [(n, x, y, 9) for n, (x, y) in enumerate([(0, 0), (1, 0), (0, 1)], 901)]
+    middles = [(904, 0.5, 0, 9), (905, 0.5, 0.5, 9), (906, 0, 0.5, 9), (907, 5, 5, 5)]
+    lines = [", ".join(map(str, line)) for line in corners + middles]
+    nodes = "*Node\n" + "\n".join(lines)
+    shell = "*Element, type=STRI65, elset=shell\n900, 901, 902, 903, 904, 905, 906\n"
+    path.write_text(f"{words.rstrip()}\n{nodes}\n{shell}")
+
+
+def hexahedra_20(bulge: float) -> Callable:
+    """Two bricks of 20 nodes; the middles of the edges of the joint bulge out in x."""
+
+    def write(path: Path) -> None:
+        points, (_, one, two), lines = [], ({}, [], []), []
+        corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+        corners += [(x, y, 1) for x, y, _ in corners]
+        edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)]
+        edges += [(0, 4), (1, 5), (2, 6), (3, 7)]
+        for nodes, start, length in ((one, 0, 1), (two, 1, 2)):
+            at = np.array(corners, dtype=float) * [length, 1, 1] + [start, 0, 0]
+            middles = np.array([at[list(edge)].mean(axis=0) for edge in edges])
+            middles[:, 0] += bulge * (middles[:, 0] == 1)
+            for x in [*at, *middles]:
+                place = next((n for n, y in enumerate(points) if np.allclose(x, y)), len(points))
+                points += [x] * (place == len(points))
+                nodes.append(place)
+        more = "*Surface, name=join\n1, S4\n*Surface, name=end\n1, S6\n"
+        more += "*Nset, nset=tip\n1, 4\n" + "\n".join(lines)
+        cells = {"left": [tuple(one)], "right": [tuple(two)]}
+        path.write_text(foreign.abaqus("C3D20R", np.array(points), cells, more))
+
+    return write
+
+
 def inp_sections(path: Path) -> None:
     """A section without a set first, sets by range and by other sets, lines that go on.
 
@@ -572,6 +632,18 @@ ABAQUS = {
         "inp",
     ),
     "Abaqus in space, degree 2": Read(inp_solid, "inp"),
+    "Abaqus, a shell of degree 2 left out": Read(
+        inp_leftover, "inp", given={"groups": ["left", "right", "join", "end"]}
+    ),
+    "Abaqus C3D20R": Read(hexahedra_20(0.0), "inp", said="become cells of 8 nodes"),
+    # The integral of the function of a node on an edge is 1/3 of the face.
+    "Abaqus C3D20R, degree 2": Read(
+        hexahedra_20(0.1),
+        "inp",
+        {"left": 1 + 0.4 / 3, "right": 2 - 0.4 / 3},
+        {"end": 0.0},
+        said="27 nodes",
+    ),
     "Abaqus cohesive": Read(inp_cohesive, "inp", places={"bound1": 1.0}, given={"merge": True}),
     "Abaqus cohesive, not merged": Refused(inp_cohesive, "merge=True drops them", "inp"),
     "Abaqus sets of sets": Refused(inp_sections, r"both in 'first' and in 'left'|both in", "inp"),
@@ -671,7 +743,9 @@ OTHERS = {
         "are not finite",
         "vtk",
     ),
-    "another ending": Refused(text("mesh"), r"must be \.msh, \.inp, \.xdmf or .*\.vtu", "docx"),
+    "another ending": Refused(
+        text("mesh"), r"must be \.msh, \.unv, \.inp, \.xdmf or .*\.vtu", "docx"
+    ),
 }
 
 ALL = GMSH | PLANES | XDMF | NEPER | ABAQUS | OTHERS
@@ -711,7 +785,11 @@ def measures(tagged, groups) -> dict:
 def test_read(comm, folder, name):
     """Bodies have their area, facets their place, and a problem can be made."""
     case = ALL[name]
-    tagged = read_mesh(written(comm, folder, case), comm, **case.given)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        tagged = read_mesh(written(comm, folder, case), comm, **case.given)
+    assert [case.said in str(warning.message) for warning in caught] == [True] * len(caught)
+    assert bool(caught) == bool(case.said and comm.rank == 0)
     mesh, cells, facets = tagged
     assert measures(tagged, case.bodies) == pytest.approx(case.bodies, rel=2e-7)
     for group, x in case.places.items():
@@ -723,7 +801,7 @@ def test_read(comm, folder, name):
     tags = np.unique(np.concatenate(comm.allgather(np.unique(cells.values))))
     grain = vmdg.NeoHookean(E=1.0, nu=0.3)
     degree = 2 if "degree 2" in name or "order 2" in name else 1
-    if len(tags) < 2 or case.given.get("merge") is False:
+    if len(tags) < 2 or case.given.get("merge") is False or "27 nodes" in case.said:
         return
     bond = vmdg.Interface(between="all", law=vmdg.Debonding(strength=1.0, critical_gap=0.1))
     problem = vmdg.Problem(mesh, cells, dict.fromkeys(tags.tolist(), grain), [bond], degree=degree)
@@ -755,6 +833,13 @@ def test_flat_cells_become_facets(comm, folder, dim):
     grain = vmdg.NeoHookean(E=1.0, nu=0.3)
     problem = vmdg.Problem(mesh, cells, {"left": grain, "right": grain}, [bond])
     assert comm.allreduce(problem.state[0].weights.sum()) == pytest.approx(1.0)
+
+
+def test_sets_of_nodes(comm, folder):
+    """They say which points are theirs, turned with the mesh into its plane too."""
+    tagged = read_mesh(written(comm, folder, ABAQUS["Abaqus"]), comm)
+    assert set(tagged.nodes) == {"corner"} and len(tagged) == 3
+    assert tagged.nodes["corner"](POINTS.T).tolist() == [True, False, False, True, False, False]
 
 
 def test_bodies_that_seem_to_touch(comm, folder):

@@ -13,6 +13,9 @@ from mpi4py import MPI
 
 from .parallel import raise_together
 
+#: Begins what a lock says.
+_MARK = "process "
+
 #: Locks that this process holds.
 _held: set[Path] = set()
 
@@ -59,7 +62,7 @@ class Claim:
         """
         self._path.parent.mkdir(parents=True, exist_ok=True)
         while True:
-            file = self._path.open("a+")
+            file = self._opened()
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
@@ -74,16 +77,37 @@ class Claim:
                 if os.path.samefile(file.fileno(), self._path):
                     break
             file.close()
-        file.truncate(0)
-        file.write(f"process {os.getpid()} on {socket.gethostname()}")
+        file.seek(0)
+        file.truncate()
+        file.write(f"{_MARK}{os.getpid()} on {socket.gethostname()}")
         file.flush()
         _held.add(self._path)
+        return file
+
+    def _opened(self) -> TextIO:
+        """The file, made if missing.
+
+        Raises:
+            OSError: it is a link, or has other content than a lock.
+        """
+        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+        try:
+            file = open(os.open(self._path, flags, 0o666), "r+")
+        except OSError as error:
+            if not self._path.is_symlink():
+                raise
+            raise OSError(f"{self._path} is a link; remove it") from error
+        if file.read(len(_MARK)) not in ("", _MARK):
+            file.close()
+            raise OSError(f"{self._path} is not a lock of vmdg; move it away")
         return file
 
     def release(self) -> None:
         """Release the lock; a second call has no effect."""
         if self._file is not None:
-            self._path.unlink(missing_ok=True)
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(self._file.fileno()), os.lstat(self._path)):
+                    self._path.unlink()
             self._file.close()
             _held.discard(self._path)
             self._file = None

@@ -81,6 +81,8 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         TypeError: the problem or the folder is of the wrong type.
     """
     _check_problem(problem)
+    if not isinstance(history, History | None):
+        raise TypeError(f"checkpoint: history = {history!r} must be a History, or None")
     with claim_checkpoint(problem.comm, folder):
         _write(problem, Path(folder), history)
 
@@ -237,16 +239,24 @@ def discard_checkpoint(comm: MPI.Comm, folder: str | Path) -> None:
         folder: The folder of the checkpoint.
 
     Raises:
-        OSError: it cannot be removed, or another run writes there; on all ranks.
+        OSError: it cannot be removed, another run writes there, or the folder has files that vmdg
+            did not write; on all ranks.
+        TypeError: the communicator or the folder is of the wrong type.
     """
-    if not comm.bcast(Path(folder).is_dir()):
+    if not isinstance(comm, MPI.Comm):
+        raise TypeError(
+            f"checkpoint: comm = {comm!r} must be a communicator, and the folder comes after it: "
+            'discard_checkpoint(problem.comm, "run")'
+        )
+    place = checked_path("checkpoint: folder", folder).absolute()
+    if not comm.bcast(place.is_dir()):
         return
     message = None
-    with claim_checkpoint(comm, folder):
+    with claim_checkpoint(comm, place):
         if comm.rank == 0:
             try:
-                remove_files(Path(folder))
-            except OSError as error:
+                remove_files(place)
+            except (OSError, ValueError) as error:
                 message = f"the checkpoint in {folder} cannot be removed: {error}"
         raise_together(comm, message, OSError)
 

@@ -16,13 +16,14 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk import plain_file, replacing
 from ..base.parallel import raise_together
 
 _SLOTS, _LATEST, _ABOUT = ("a", "b"), "latest", "checkpoint.json"
@@ -190,16 +191,45 @@ def open_arrays(comm: MPI.Comm, slot: Path, names: Iterable[str]) -> dict[str, N
 
 
 def remove_files(folder: Path) -> None:
-    """Remove both folders and the file that names them; on one rank.
+    """Remove both folders and the file that names them, if there is a checkpoint; on one rank.
 
     Raises:
         OSError: they cannot be removed.
+        ValueError: the folder has something of their names that vmdg did not write.
     """
+    slots = [folder / name for name in _SLOTS if os.path.lexists(folder / name)]
+    named = folder / _LATEST
+    for slot in slots:
+        _check_slot(slot)
+    if os.path.lexists(named) and not plain_file(named):
+        raise ValueError(f"'{_LATEST}' is not a file of vmdg")
+    if not slots and not named.exists():
+        return
+    if named.exists():
+        latest(folder)
     # First the file that names them: a partial checkpoint is never visible.
     _name_latest(folder, _NONE)
-    for name in _SLOTS:
-        shutil.rmtree(folder / name, ignore_errors=True)
-    (folder / _LATEST).unlink()
+    for slot in slots:
+        shutil.rmtree(slot)
+    named.unlink()
+
+
+def _check_slot(slot: Path) -> None:
+    """Check that a folder has nothing but what :func:`write_files` writes.
+
+    Raises:
+        ValueError: it has.
+    """
+    others = [slot] if slot.is_symlink() or not slot.is_dir() else []
+    others += [
+        file
+        for file in (slot.iterdir() if not others else ())
+        if not plain_file(file) or not (file.name == _ABOUT or file.suffix == ".npy")
+    ]
+    written = (slot.parent / _LATEST).is_file() or (slot / _ABOUT).is_file()
+    if others or not written:
+        what = others[0].relative_to(slot.parent) if others else slot.name
+        raise ValueError(f"vmdg did not write '{what}' in it; give a folder of its own")
 
 
 def _file(slot: Path, name: str) -> Path:
@@ -217,7 +247,8 @@ def _empty_slot(folder: Path) -> Path:
     if valid is None:
         _name_latest(folder, _NONE)
     slot = folder / _SLOTS[valid is not None and valid.name == _SLOTS[0]]
-    if slot.exists():
+    if os.path.lexists(slot):
+        _check_slot(slot)
         shutil.rmtree(slot)
     slot.mkdir()
     return slot
@@ -240,21 +271,24 @@ def _header(rows: NDArray, count: int) -> bytes:
 
 def _name_latest(folder: Path, line: str) -> None:
     """Name the complete folder atomically."""
-    partial = folder / f"{_LATEST}.partial"
-    _write(partial, [line.encode()])
-    partial.replace(folder / _LATEST)
+    with replacing(folder / _LATEST) as file:
+        _write_to(file, [line.encode()])
     _sync(folder)
 
 
 def _write(path: Path, parts: Iterable[bytes | NDArray]) -> str:
     """Write a file of these parts and sync it to disk; return its checksum."""
+    with path.open("xb") as file:
+        return _write_to(file, parts)
+
+
+def _write_to(file: BinaryIO, parts: Iterable[bytes | NDArray]) -> str:
     checksum = hashlib.sha256()
-    with path.open("wb") as file:
-        for part in parts:
-            file.write(part)
-            checksum.update(part)
-        file.flush()
-        os.fsync(file.fileno())
+    for part in parts:
+        file.write(part)
+        checksum.update(part)
+    file.flush()
+    os.fsync(file.fileno())
     return checksum.hexdigest()
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import shutil
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import count
 from numbers import Real
 from pathlib import Path
 
@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from .. import compat
 from ..base.agreement import together
 from ..base.claims import Claim
+from ..base.disk import put_aside
 from ..base.parallel import global_sum
+from ..base.words import checked_path
 from ..interface.interface import Which, interface_names, number_of
 from ..problem.problem import Problem
 from .cell import whole_displacement
@@ -166,7 +168,8 @@ class FieldWriter:
                 raise ValueError(f"FieldWriter: there is no field {name!r}; choose from {FIELDS}")
         if not names:
             raise ValueError(f"FieldWriter: fields is empty; choose from {FIELDS}, None for all")
-        self._comm, self._folder = problem.comm, Path(folder)
+        self._comm = problem.comm
+        self._folder = checked_path("FieldWriter: folder", folder).absolute()
         self._updates: list[Callable[[], object]] = []
         files: dict[str, list[fem.Function]] = {"bodies": []}
         if DISPLACEMENT in names:
@@ -195,9 +198,8 @@ class FieldWriter:
         """Rename files of an earlier run with the first unused number."""
         if self._comm.rank > 0:
             return
-        for file in filter(Path.exists, self._files):
-            names = (file.with_name(f"{file.stem}.{number}{file.suffix}") for number in count(1))
-            file.rename(next(name for name in names if not name.exists()))
+        for file in filter(os.path.lexists, self._files):
+            put_aside(file)
 
     def write(self, t: float) -> None:
         """Write the current state as time ``t``; collective.

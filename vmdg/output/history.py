@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping, Sequence
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.claims import Claim
+from ..base.disk import put_aside, replacing
 from ..base.parallel import raise_together
 from ..base.tables import html_table, short
 from ..base.words import checked_path
@@ -163,10 +165,10 @@ class History:
         Args:
             path: The file.
         """
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(self.header)
-            writer.writerows(_lines(self.rows, self.columns))
+        Path(path).write_bytes(self._as_csv())
+
+    def _as_csv(self) -> bytes:
+        return _csv([self.header, *_lines(self.rows, self.columns)])
 
     @classmethod
     def from_csv(cls, path: str | Path) -> History:
@@ -194,6 +196,12 @@ def _lines(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterato
         yield [_text(row[name]) if name in row else "" for name in columns]
 
 
+def _csv(lines: Iterable[Sequence[str]]) -> bytes:
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows(lines)
+    return text.getvalue().encode()
+
+
 def _text(value: Any) -> str:
     if hasattr(value, "tolist"):
         value = value.tolist()
@@ -213,7 +221,8 @@ class HistoryFile:
     A row is one line, written and flushed at once, completely or not at all if the disk is full. A
     new column changes the header: then a new file is written and replaces the old one atomically.
     The same happens at the start, when a run that continues from a checkpoint finds rows that it
-    will repeat. Only one run at a time may write the file.
+    will repeat. Anything else of this name is kept: history.csv becomes history.1.csv, etc. Only
+    one run at a time may write the file.
 
     Args:
         comm: Communicator; its rank 0 writes.
@@ -227,7 +236,7 @@ class HistoryFile:
 
     def __init__(self, comm: MPI.Comm, path: str | Path | None, history: History):
         self._comm = comm
-        self._path = None if path is None else checked_path("history: csv", path)
+        self._path = None if path is None else checked_path("history: csv", path).absolute()
         self._history = history
         self._file: BinaryIO | None = None
         self._claim: Claim | None = None
@@ -238,7 +247,7 @@ class HistoryFile:
         self._units: dict[str, str] = {}
         self._written = 0
         try:
-            self._do(self._replace)
+            self._do(self._begin)
         except OSError:
             self.close()
             raise
@@ -265,18 +274,47 @@ class HistoryFile:
                 )
         raise_together(self._comm, message, OSError)
 
+    def _begin(self) -> None:
+        assert self._path is not None
+        if os.path.lexists(self._path) and not self._continues(self._path):
+            put_aside(self._path)
+        self._replace()
+
+    def _continues(self, path: Path) -> bool:
+        """Whether a file is empty, or begins with all rows of the history."""
+        if not path.stat().st_size:
+            return True
+        try:
+            with open(path, newline="", encoding="utf-8") as file:
+                header, *lines = csv.reader(file)
+        except (ValueError, csv.Error):
+            return False
+        rows = list(_lines(self._history.rows, [split_unit(column)[0] for column in header]))
+        return bool(rows) and lines[: len(rows)] == rows
+
+    def _check_place(self) -> None:
+        """Raises:
+        OSError: the file has been removed or replaced.
+        """
+        assert self._path is not None and self._file is not None
+        try:
+            there = os.path.samestat(os.fstat(self._file.fileno()), os.stat(self._path))
+        except FileNotFoundError:
+            there = False
+        if not there:
+            raise OSError("it was removed or replaced while the run wrote it")
+
     def _extend(self) -> None:
+        self._check_place()
         rows = self._history.rows[self._written :]
         new = any(name not in self._columns for row in rows for name in row)
         if new or self._history.units != self._units:
             self._replace()
             return
-        text = io.StringIO(newline="")
-        csv.writer(text).writerows(_lines(rows, self._columns))
         assert self._file is not None
         whole = self._file.tell()
         try:
-            left = memoryview(text.getvalue().encode())
+            left = memoryview(_csv(_lines(rows, self._columns)))
             while left:
                 left = left[self._file.write(left) :]
         except OSError:
@@ -287,13 +325,8 @@ class HistoryFile:
     def _replace(self) -> None:
         assert self._path is not None
         self._close_file()
-        partial = self._path.with_name(f"{self._path.name}.partial")
-        try:
-            self._history.to_csv(partial)
-            partial.replace(self._path)
-        except OSError:
-            partial.unlink(missing_ok=True)
-            raise
+        with replacing(self._path) as file:
+            file.write(self._history._as_csv())
         self._file = open(self._path, "ab", buffering=0)  # closed by close()
         self._columns, self._written = self._history.columns, len(self._history)
         self._units = dict(self._history.units)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import InitVar, dataclass, field, fields
 from numbers import Real
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,10 @@ _SHARE = ("in (0, 1]", lambda value: 0 < value <= 1)
 _COUNT = ("an integer >= 0", lambda value: value >= 0 and value % 1 == 0)
 _POSITIVE = ("positive and finite", lambda value: 0 < value < np.inf)
 _SWITCH = ("True or False", lambda value: isinstance(value, bool | np.bool_))
+_PATH = (
+    "a path or None",
+    lambda value: value is None or (isinstance(value, str | PathLike) and str(value)),
+)
 VALUES = {
     "relative_tolerance": _SHARE,
     "max_iterations": _COUNT,
@@ -31,14 +36,28 @@ VALUES = {
     "cycles": ("zero or positive and finite", lambda value: 0 <= value < np.inf),
     "max_loss": _SHARE,
     "checkpoint_every": ("an integer >= 1", lambda value: value >= 1 and value % 1 == 0),
-    "petsc": ("a mapping or None", lambda value: isinstance(value, Mapping | None)),
+    "petsc": (
+        "options by name, {'ksp_rtol': 1e-8}, or None",
+        lambda value: value is None or all(map(_petsc_option, value.items())),
+    ),
     "path": ("PathOptions(...)", lambda value: isinstance(value, PathOptions)),
     "condensed": ("True, False or None", lambda value: value is None or _SWITCH[1](value)),
     "energy": _SWITCH,
     "verbose": _SWITCH,
     "progress": ("True, False or a number of seconds", lambda value: isinstance(value, Real)),
-    "show": ("names of columns or None", lambda value: isinstance(value, Sequence | None)),
+    "show": (
+        "names of columns or None",
+        lambda value: value is None or all(isinstance(name, str) for name in value),
+    ),
+    "csv": _PATH,
+    "checkpoint": _PATH,
 }
+
+
+def _petsc_option(item: tuple[object, object]) -> bool:
+    """Whether these are the name and the value of an option."""
+    name, value = item
+    return isinstance(name, str) and bool(name) and isinstance(value, str | Real | None)
 
 
 def _check(options: object, name: str, words: str, fits: Callable[[Any], bool]) -> None:
@@ -46,7 +65,7 @@ def _check(options: object, name: str, words: str, fits: Callable[[Any], bool]) 
     value = getattr(options, name)
     try:
         fit = fits(value)
-    except TypeError:
+    except (TypeError, ValueError, AttributeError):  # what has no order, or is an array
         fit = False
     if not fit:
         raise ValueError(f"{type(options).__name__}: {name} = {value!r} must be {words}")
@@ -171,8 +190,9 @@ class SolveOptions:
         verbose: Print for every attempt of a step its control, residual norms, Krylov iterations
             and reason of failure, and the summary (rank 0); ``petsc={"snes_monitor": None}`` prints
             more.
-        csv: File for the history, written during the run: every completed row is on disk. Rows of
-            an earlier run that are not in ``history`` are dropped.
+        csv: File for the history, written during the run: every completed row is on disk. A file
+            that does not begin with the rows of ``history`` is kept: t.csv becomes t.1.csv. The
+            run ends with an OSError if the file is removed.
         checkpoint: Folder for a checkpoint of the run, see :func:`vmdg.read_checkpoint`.
         checkpoint_every: Number of steps between checkpoints: one is written at the first given
             load factor reached after that, and at the end of the run.
@@ -206,8 +226,12 @@ class SolveOptions:
     def __post_init__(self, petsc_options: Petsc | None) -> None:
         for name, (words, fits) in VALUES.items():
             _check(self, name, words, fits)
+        for name in ("csv", "checkpoint"):  # a monitor may change the present folder
+            if (path := getattr(self, name)) is not None:
+                object.__setattr__(self, name, Path(path).absolute())
         if petsc_options is None:
             return
         if self.petsc is not None:
             raise ValueError("SolveOptions: petsc and petsc_options are the same; give one of them")
         object.__setattr__(self, "petsc", petsc_options)
+        _check(self, "petsc", *VALUES["petsc"])
