@@ -27,21 +27,25 @@ def curve(x) -> vmdg.Curve:
 def test_a_machine_passes_a_snap_back():
     """Rising abscissae: the branch before the turn, then that behind it."""
     run = history([1.0, 2.0, 1.5, 3.0], [10.0, 20.0, 5.0, 8.0])
-    y, _ = curve([0.5, 1.9, 2.1]).of_run(run, [NAME])
+    y, *_ = curve([0.5, 1.9, 2.1]).of_run(run, [NAME])
     assert y == pytest.approx([5.0, 19.0, 5.0 + 0.6 / 1.5 * 3.0])
 
 
 def test_a_measured_snap_back():
     """Falling abscissae: along the branch that turns back."""
     run = history([1.0, 2.0, 1.0, 3.0], [10.0, 20.0, 4.0, 8.0])
-    y, _ = curve([1.5, 1.9, 1.5, 1.1, 2.0]).of_run(run, [NAME])
+    y, *_ = curve([1.5, 1.9, 1.5, 1.1, 2.0]).of_run(run, [NAME])
     assert y == pytest.approx([15.0, 19.0, 12.0, 5.6, 6.0])
 
 
 def test_not_reached():
     """What a run does not reach is compared with its end, which moves with the parameter."""
-    y, rates = curve([3.0]).of_run(history([1.0, 2.0], [10.0, 20.0], 1.0, 7.0), [NAME])
-    assert (y[0], rates[0, 0]) == (20.0, 7.0)
+    run = history([1.0, 2.0], [10.0, 20.0], 1.0, 7.0)
+    y, rates, reached = curve([3.0]).of_run(run, [NAME])
+    assert (y[0], rates[0, 0], reached) == (20.0, 7.0, False)
+    assert curve([2.0]).of_run(run, [NAME]).reached
+    # A run that ends before it falls may not have passed its peak.
+    assert not curve([np.inf]).of_run(run, [NAME]).reached
 
 
 def test_derivatives():
@@ -49,7 +53,7 @@ def test_derivatives():
     x, y = np.array([1.0, 2.0, 1.0, 3.0]), np.array([10.0, 20.0, 4.0, 8.0])
     dx, dy = np.array([0.1, 0.3, -0.2, 0.4]), np.array([2.0, -1.0, 3.0, 0.5])
     places, h = curve([0.7, 1.5, 1.9, 1.5, 2.0]), 1e-7
-    _, rates = places.of_run(history(x, y, dx, dy), [NAME])
+    _, rates, _ = places.of_run(history(x, y, dx, dy), [NAME])
     ends = [places.of_run(history(x + s * dx, y + s * dy), [NAME])[0] for s in (h, -h)]
     assert rates[:, 0] == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=1e-6)
 
@@ -57,7 +61,7 @@ def test_derivatives():
 def test_jump():
     """The row of a jump has the derivative of the next one."""
     run = history([1.0, 1.0, 2.0], [10.0, 4.0, 8.0], [0.0, np.nan, 0.0], [1.0, np.nan, 3.0])
-    y, rates = curve([1.0, 1.5]).of_run(run, [NAME])
+    y, rates, _ = curve([1.0, 1.5]).of_run(run, [NAME])
     assert y == pytest.approx([10.0, 6.0])
     assert rates[:, 0] == pytest.approx([1.0, 3.0])
 
@@ -65,7 +69,7 @@ def test_jump():
 def test_peak():
     """An infinite abscissa has the largest value of all, wherever that is."""
     run = history([1.0, 2.0, 3.0], [10.0, 25.0, 8.0], 0.0, [1.0, 2.0, 3.0])
-    y, rates = curve([np.inf, 1.0, 3.0]).of_run(run, [NAME])
+    y, rates, _ = curve([np.inf, 1.0, 3.0]).of_run(run, [NAME])
     assert y == pytest.approx([25.0, 10.0, 8.0])
     assert rates[:, 0] == pytest.approx([2.0, 1.0, 3.0])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,20 @@ from numpy.typing import NDArray
 from ..output.history import History
 
 Array = NDArray[np.float64]
+
+
+class Compared(NamedTuple):
+    """What a run has in the place of n measured values.
+
+    Attributes:
+        values: The values (n,).
+        slopes: Their derivatives by k parameters (n, k).
+        reached: Whether the run comes to every abscissa.
+    """
+
+    values: Array
+    slopes: Array
+    reached: bool
 
 
 @dataclass(frozen=True)
@@ -41,6 +55,9 @@ class Curve:
     along: str = "load"
     sigma: Any = field(default=None, kw_only=True)
 
+    #: Number of unknown motions that are removed from the residuals.
+    nuisances = 0
+
     def __post_init__(self) -> None:
         for name in ("x", "y"):
             values = np.array(getattr(self, name), dtype=float)
@@ -56,8 +73,40 @@ class Curve:
                 raise ValueError("Curve: sigma must be positive")
             object.__setattr__(self, "sigma", sigma)
 
-    def of_run(self, history: History, names: Sequence[str]) -> tuple[Array, Array]:
-        """The values of a run at the abscissae (n,), and p d/dp of them by every parameter (n, k).
+    @property
+    def data(self) -> Array:
+        """The measured values (n,)."""
+        return self.y
+
+    @property
+    def places(self) -> dict[str, Any]:
+        """Where it was measured, in JSON types."""
+        return {"column": self.column, "along": self.along, "x": self.x.tolist()}
+
+    @property
+    def abscissae(self) -> Array:
+        """Abscissa of every value (n,); that of the last one before a peak for the peak."""
+        finite = np.isfinite(self.x)
+        return np.where(finite, self.x, self.x[finite].max(initial=0.0))
+
+    def draw(self, axes: Any, fitted: Array, sigma: Any) -> None:
+        """Draw the measurement and a run on axes of matplotlib."""
+        bars = None if sigma is None else np.broadcast_to(sigma, self.y.shape)
+        axes.errorbar(self.abscissae, self.y, bars, fmt="ko", ms=3, lw=0.8, label="measured")
+        axes.plot(self.abscissae, fitted, "C0-", label="model")
+        axes.set(ylabel=self.column)
+        axes.legend()
+
+    def at(self, i: int) -> str:
+        """Name of a measured value."""
+        return f"the {self.column} at {self.along} {self.x[i]:.6g}"
+
+    def without_nuisances(self, weighted: Array) -> Array:
+        """Weighted residuals (n,) or their derivatives (n, k), without what is not compared."""
+        return weighted
+
+    def of_run(self, history: History, names: Sequence[str]) -> Compared:
+        """The values of a run at the abscissae.
 
         Between two rows the curve is straight. Abscissae that the run does not reach have the value
         at the nearest point of the remaining path.
@@ -69,40 +118,79 @@ class Curve:
         Raises:
             KeyError: there is no such column.
         """
-        x, y = (np.concatenate([[0.0], history[name]]) for name in (self.along, self.column))
-        rates = [
-            np.vstack([np.zeros(len(names)), _known(history, column, names)])
-            for column in (self.along, self.column)
-        ]
-        values, slopes, start = np.empty(len(self.x)), np.empty((len(self.x), len(names))), 0.0
-        for i, target in enumerate(self.x):
-            if np.isinf(target):
-                top = int(y.argmax())
-                values[i], slopes[i] = y[top], rates[1][top]
-                continue
-            start = place = _place(x, target, start)
-            j = min(int(place), len(x) - 2)
-            w = place - j
-            ends = slice(j, j + 2)
-            dx, dy = ((1 - w) * rate[j] + w * rate[j + 1] for rate in rates)
-            values[i] = (1 - w) * y[j] + w * y[j + 1]
-            rise, run = np.diff(y[ends])[0], np.diff(x[ends])[0]
-            reached = abs((1 - w) * x[j] + w * x[j + 1] - target) <= 1e-9 * np.abs(x).max()
-            slopes[i] = dy - (dx * rise / run if reached and run != 0 else 0.0)
-        return values, slopes
+        peaks = np.isposinf(self.x)
+        found = along_path(history, self.along, self.column, self.x[~peaks], names)
+        values, slopes = np.empty(len(self.x)), np.empty((len(self.x), len(names)))
+        values[~peaks], slopes[~peaks] = found.values[:, 0], found.slopes[:, 0]
+        reached = found.reached
+        if peaks.any():
+            y, top = history[self.column], int(history[self.column].argmax())
+            # A run that has not begun to fall may still rise.
+            reached &= top < len(y) - 1
+            values[peaks], slopes[peaks] = y[top], known_rates(history, self.column, names)[top, 0]
+        return Compared(values, slopes, reached)
 
 
-def _known(history: History, column: str, names: Sequence[str]) -> Array:
-    """Derivatives of a column (rows, k); those of a jump are that of the next row."""
-    found = np.column_stack([history[f"d {column}/d {name}"] for name in names])
+def along_path(
+    history: History, along: str, column: str, targets: Array, names: Sequence[str]
+) -> Compared:
+    """Values of a column, of numbers or of arrays (N,), where a run has these abscissae.
+
+    Args:
+        history: Of a run with derivatives by these parameters.
+        along: Column of the abscissae.
+        column: Column of the values.
+        targets: Abscissae (m,), each after the one before on the path.
+        names: Names of the parameters.
+
+    Returns:
+        Values (m, N) and derivatives at fixed abscissae (m, N, k).
+    """
+    x, y = (_with_origin(_rows_of(history, name)) for name in (along, column))
+    dx, dy = (_with_origin(known_rates(history, name, names)) for name in (along, column))
+    x, dx, start, reached = x[:, 0], dx[:, 0], 0.0, True
+    values = np.empty((len(targets), y.shape[1]))
+    slopes = np.empty((*values.shape, len(names)))
+    size = np.abs(x).max()
+    for i, target in enumerate(targets):
+        start, found = _place(x, target, start)
+        reached &= found
+        j = min(int(start), len(x) - 2)
+        w, ends = start - j, slice(j, j + 2)
+        parts = np.array([1 - w, w])
+        values[i] = parts @ y[ends]
+        slopes[i] = np.tensordot(parts, dy[ends], 1)
+        run = x[j + 1] - x[j]
+        if run != 0 and abs(parts @ x[ends] - target) <= 1e-9 * size:
+            slopes[i] -= np.outer((y[j + 1] - y[j]) / run, parts @ dx[ends])
+    return Compared(values, slopes, reached)
+
+
+def _rows_of(history: History, column: str) -> Array:
+    """A column as (rows, N)."""
+    found = history[column]
+    return found.reshape(len(found), -1)
+
+
+def _with_origin(rows: Array) -> Array:
+    """Rows after one of zeros, that of the undeformed state."""
+    return np.concatenate([np.zeros((1, *rows.shape[1:])), rows])
+
+
+def known_rates(history: History, column: str, names: Sequence[str]) -> Array:
+    """Derivatives of a column (rows, N, k); those of a jump are that of the next row."""
+    shape = (*_rows_of(history, column).shape, len(names))
+    found = np.empty(shape)
+    for k, name in enumerate(names):
+        found[..., k] = _rows_of(history, f"d {column}/d {name}")
     for i in range(len(found) - 2, -1, -1):
         found[i] = np.where(np.isnan(found[i]), found[i + 1], found[i])
     return np.nan_to_num(found)
 
 
-def _place(x: Array, target: float, start: float) -> float:
+def _place(x: Array, target: float, start: float) -> tuple[float, bool]:
     """Where a path first has an abscissa after a place: number of a point, and fraction of the way
-    to the next one; where it comes nearest if it does not reach it.
+    to the next one; where it comes nearest if it does not reach it, and whether it does.
 
     Args:
         x: Abscissae of the points of the path.
@@ -114,10 +202,11 @@ def _place(x: Array, target: float, start: float) -> float:
     rest, places = np.append(here, x[j + 1 :]), np.append(start, np.arange(j + 1, len(x)))
     off = rest - target
     if off[0] == 0:
-        return start
+        return start, True
     passed = np.flatnonzero(off[1:] * off[0] <= 0)
     if not passed.size:
-        return float(places[np.abs(off).argmin()])
+        nearest = int(np.abs(off).argmin())
+        return float(places[nearest]), bool(abs(off[nearest]) <= 1e-9 * np.abs(x).max())
     i = int(passed[0])
     share = off[i] / (off[i] - off[i + 1])
-    return float(places[i] + share * (places[i + 1] - places[i]))
+    return float(places[i] + share * (places[i + 1] - places[i])), True

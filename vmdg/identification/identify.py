@@ -1,9 +1,8 @@
-"""Least squares of measured curves, with derivatives along the path."""
+"""Parameters from measured curves, by least squares with derivatives along the path."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,35 +10,22 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import OptimizeResult, least_squares
+from scipy.stats import chi2
 
-from ..base.agreement import together
-from ..base.parallel import raise_together, warn_together
-from ..problem.problem import Problem
-from ..solver.monitors import Monitor, Until
+from ..base.parallel import warn_together
 from ..solver.options import SolveOptions
-from ..solver.result import StepFailure
-from ..solver.stepping import solve
 from .curves import Curve
-from .result import Identified, Run
+from .doubts import LEVEL, doubts
+from .model import TOLERANCE, Fit, Make, Model
+from .result import Identified
 
 Array = NDArray[np.float64]
-
-#: A problem for values of the parameters, the monitor that returns what was measured, and where the
-#: run ends.
-Make = Callable[[dict[str, float]], tuple[Problem, Monitor] | tuple[Problem, Monitor, Until]]
-
-#: Relative standard error above which a parameter counts as not determined.
-VAGUE = 0.5
 
 #: Standard error of a logarithm of which the data say nothing.
 UNKNOWN = 1e3
 
-#: Relative tolerance of the cost, and of the logarithms of the parameters.
-TOLERANCE = 1e-4
-
-#: Largest number of evaluations of a fit of all parameters but one.
-MOST_REFITTED = 10
+#: Smallest singular value of the derivatives, relative to the largest, where there is no noise.
+EXACT = 1e-12
 
 
 def identify(
@@ -95,251 +81,92 @@ def identify(
     makes |= make_problem if isinstance(make_problem, Mapping) else {"measured": make_problem}
     curves = _by_experiment(makes, measured, several)
     programmes = _loads_of(curves, loads, several)
-    names, (low, high) = list(start), _checked_bounds(start, bounds or {})
-    known = _checked_priors(start, priors or {})
-    _check_sigma(curves, sigma)
-    count = sum(len(curve.x) for group in curves.values() for curve in group) + len(known)
-    own = all(curve.sigma is not None for group in curves.values() for curve in group)
-    if count < len(names) + (sigma is None and not own):
-        raise ValueError(f"identify: {count} points do not determine {len(names)} parameters")
-    given = makes, curves, programmes, options or SolveOptions(), sigma or 1.0, known
-    model = _Model(*given, names, (low, high), comm or MPI.COMM_WORLD, file, spread)
-    solution = model.fit(np.log([start[name] for name in names]), max_runs)
-    return _result(solution, model, sigma)
+    bounded = _checked_bounds(start, bounds or {})
+    beforehand = _checked_priors(start, priors or {})
+    known = _sigma_known(curves, sigma)
+    given = makes, curves, programmes, options or SolveOptions(), sigma, beforehand
+    model = Model(*given, start, bounded, comm or MPI.COMM_WORLD, file, spread)
+    if model.freedom < (0 if known else 1):
+        raise ValueError(f"identify: {model.count} points do not determine {len(start)} parameters")
+    first = np.array([float(value) for value in start.values()])
+    with model.claimed():
+        model.open()
+        model.residuals(first)
+        for name, hint in model.suspects.items():
+            if not model.jacobian(first)[:, list(start).index(name)].any():
+                raise ValueError(f"identify: no run changes with {name}{hint}")
+        solution = model.fit(first, max_runs)
+        return _result(solution, model, known)
 
 
-class _Model:
-    """Weighted residuals and their derivatives for logarithms of the parameters."""
-
-    def __init__(
-        self,
-        makes: Mapping[str, Make],
-        curves: Mapping[str, Sequence[Curve]],
-        loads: Mapping[str, Array],
-        options: SolveOptions,
-        sigma: float,
-        priors: Mapping[str, tuple[float, float]],
-        names: Sequence[str],
-        bounds: tuple[Array, Array],
-        comm: MPI.Comm,
-        file: str | Path | None,
-        spread: bool,
-    ):
-        self._makes, self.curves, self._loads = makes, curves, loads
-        self._options, self._sigma, self._priors = options, sigma, priors
-        self.names, self.bounds, self.comm = list(names), bounds, comm
-        self._spread = spread and comm.size > 1
-        self._file = None if file is None else Path(file)
-        self.runs: list[Run] = []
-        self._found: dict[str, tuple[Array, Array]] = {}
-        points = {name: [one.x.tolist() for one in group] for name, group in curves.items()}
-        self._head = {"parameters": self.names, "points": points}
-        self._stored = self._read()
-
-    def residuals(self, logs: Array) -> Array:
-        """Weighted residuals of all curves, priors last (n,)."""
-        return self._at(logs)[0]
-
-    def jacobian(self, logs: Array) -> Array:
-        """Their derivatives (n, k)."""
-        return self._at(logs)[1]
-
-    def fit(self, start: Array, max_runs: int, fixed: Sequence[int] = ()) -> OptimizeResult:
-        """Least squares from these logarithms; those of some numbers stay as they are."""
-        free = np.setdiff1d(np.arange(len(start)), fixed)
-
-        def whole(some: Array) -> Array:
-            logs = start.copy()
-            logs[free] = some
-            return logs
-
-        low, high = self.bounds
-        return least_squares(
-            lambda some: self.residuals(whole(some)),
-            start[free],
-            lambda some: self.jacobian(whole(some))[:, free],
-            bounds=(low[free], high[free]),
-            xtol=TOLERANCE,
-            ftol=TOLERANCE,
-            max_nfev=max_runs,
-        )
-
-    def least_cost(self, place: int, logs: Array) -> float:
-        """Least cost with the parameter of this number as in these logarithms, from which those of
-        the others start."""
-        if len(logs) > 1:
-            return float(self.fit(np.clip(logs, *self.bounds), MOST_REFITTED, [place]).cost)
-        return self.cost(dict(zip(self.names, np.exp(logs), strict=True)))
-
-    def cost(self, values: Mapping[str, float]) -> float:
-        """Half of the sum of squares for parameters by name."""
-        r = self.residuals(np.log([values[name] for name in self.names]))
-        return float(r @ r / 2)
-
-    def _at(self, logs: Array) -> tuple[Array, Array]:
-        """Weighted residuals and their derivatives."""
-        key = json.dumps(logs.tolist())
-        if key not in self._found:
-            values = dict(zip(self.names, np.exp(logs).tolist(), strict=True))
-            parts = self._curves_of(values, key)
-            weighted = [self._weighted(name, *parts[name]) for name in self._makes]
-            rows, slopes = zip(*weighted, *self._of_priors(logs), strict=True)
-            self._found[key] = r, _ = np.concatenate(rows), np.vstack(slopes)
-            self.runs.append(Run(values, float(r @ r / 2)))
-        return self._found[key]
-
-    def _curves_of(self, values: dict[str, float], key: str) -> dict[str, tuple[Array, Array]]:
-        """Values of all curves by experiment (n,), and p d/dp (n, k); from the file if it has
-        them."""
-        if key not in self._stored:
-            if self._spread:
-                parts = self._spread_out(values)
-            else:
-                parts = {name: self._experiment(name, values) for name in self._makes}
-            # To the last digit the same on all ranks, which would otherwise part company.
-            parts = self.comm.bcast(parts)
-            self._stored[key] = {n: [y.tolist(), rates.tolist()] for n, (y, rates) in parts.items()}
-            together(self.comm, self._write)
-        shape = -1, len(self.names)
-        return {
-            name: (np.array(y), np.array(rates).reshape(shape))
-            for name, (y, rates) in self._stored[key].items()
-        }
-
-    def _spread_out(self, values: dict[str, float]) -> dict[str, tuple[Array, Array]]:
-        """All experiments, each by one rank; an error of one is raised on all."""
-        comm, parts, failed = self.comm, {}, None
-        try:
-            for name in list(self._makes)[comm.rank :: comm.size]:
-                parts[name] = self._experiment(name, values)
-        except Exception as error:  # of a user's function too
-            failed = f"identify: on rank {comm.rank}: {type(error).__name__}: {error}"
-        raise_together(comm, failed, RuntimeError)
-        return {name: part for one in comm.allgather(parts) for name, part in one.items()}
-
-    def _experiment(self, name: str, values: dict[str, float]) -> tuple[Array, Array]:
-        """Values of the curves of an experiment, and p d/dp."""
-        problem, monitor, *rest = self._makes[name](dict(values))
-        until: Until | None = rest[0] if rest else None
-        arguments = problem, self._loads[name], self._options, monitor
-        try:
-            history = solve(*arguments, until=until, derivatives=values).history
-        except StepFailure as failure:
-            # What the run has not reached counts as where it ended.
-            history = failure.result.history
-            if not len(history):
-                raise
-        found = [curve.of_run(history, self.names) for curve in self.curves[name]]
-        y, rates = (np.concatenate(part) for part in zip(*found, strict=True))
-        return y, rates * np.array([values[one] for one in self.names])
-
-    def _weighted(self, name: str, y: Array, rates: Array) -> tuple[Array, Array]:
-        """Residuals of an experiment over sigma, and their derivatives."""
-        group = self.curves[name]
-        weights = [
-            np.broadcast_to(self._sigma if one.sigma is None else one.sigma, one.y.shape)
-            for one in group
-        ]
-        sigma = np.concatenate(weights)
-        measured = np.concatenate([one.y for one in group])
-        return (y - measured) / sigma, rates / sigma[:, None]
-
-    def _of_priors(self, logs: Array) -> list[tuple[Array, Array]]:
-        parts = []
-        for name, (value, error) in self._priors.items():
-            place = self.names.index(name)
-            slope = np.zeros((1, len(self.names)))
-            slope[0, place] = 1 / error
-            parts.append((np.array([(logs[place] - np.log(value)) / error]), slope))
-        return parts
-
-    def by_experiment(self, residuals: Array) -> dict[str, list[Array]]:
-        """Weighted residuals by experiment and curve."""
-        found: dict[str, list[Array]] = {}
-        first = 0
-        for name, group in self.curves.items():
-            found[name] = []
-            for curve in group:
-                found[name].append(residuals[first : first + len(curve.x)])
-                first += len(curve.x)
-        return found
-
-    # The file of runs
-
-    def _read(self) -> dict[str, Any]:
-        """Stored runs by the logarithms of their parameters."""
-        stored = self.comm.bcast(together(self.comm, self._of_file))
-        if stored is None:
-            return {}
-        if any(stored.get(name) != value for name, value in self._head.items()):
-            raise ValueError(
-                f"identify: {self._file} has runs for other parameters or abscissae than "
-                f"{self.names}; give another file, or delete it"
-            )
-        return stored["runs"]
-
-    def _of_file(self) -> dict[str, Any] | None:
-        """What the file says, on rank 0; None if there is none."""
-        if self._file is None or self.comm.rank > 0 or not self._file.is_file():
-            return None
-        return json.loads(self._file.read_text())
-
-    def _write(self) -> None:
-        """Write all runs, on rank 0."""
-        if self._file is None or self.comm.rank > 0:
-            return
-        self._file.parent.mkdir(parents=True, exist_ok=True)
-        near = self._file.with_suffix(".part")
-        near.write_text(json.dumps(self._head | {"runs": self._stored}))
-        near.replace(self._file)
-
-
-def _result(solution: Any, model: _Model, sigma: float | None) -> Identified:
+def _result(solution: Fit, model: Model, known: bool) -> Identified:
     """Statistics of a solution of least squares."""
-    J, r = model.jacobian(solution.x), model.residuals(solution.x)
-    n, k = J.shape
-    noise = float(np.sqrt(r @ r / max(n - k, 1)))
-    known = sigma is not None or all(
-        curve.sigma is not None for group in model.curves.values() for curve in group
-    )
+    J, r = model.jacobian(solution.values), model.residuals(solution.values)
+    # Residuals that are more than noise stay as they are with a factor of e in any parameter.
+    noisy = known and r @ r <= chi2.ppf(LEVEL, max(model.freedom, 1))
+    flat = not noisy and np.linalg.norm(J, axis=0).max() < TOLERANCE * np.linalg.norm(r)
+    noise = float(np.sqrt(r @ r / max(model.freedom, 1)))
     scale = 1.0 if known else noise
     _, sizes, directions = np.linalg.svd(J, full_matrices=False)
-    errors = scale / np.maximum(sizes, scale / UNKNOWN)
+    errors = scale / np.maximum(sizes, scale / UNKNOWN if scale else EXACT * sizes.max(initial=1.0))
     covariance = directions.T @ (errors[:, None] ** 2 * directions)
     deviations = np.sqrt(np.diag(covariance))
-    estimate = dict(zip(model.names, np.exp(solution.x).tolist(), strict=True))
+    estimate = dict(zip(model.names, solution.values.tolist(), strict=True))
 
     def least_cost(name: str, value: float) -> float:
         place = model.names.index(name)
         way = covariance[place] / covariance[place, place]
-        return model.least_cost(place, solution.x + (np.log(value) - solution.x[place]) * way)
+        values = solution.values * np.exp(np.log(value / estimate[name]) * way)
+        values[place] = value
+        with model.claimed():
+            return model.least_cost(place, values)
 
+    def cost(values: Mapping[str, float]) -> float:
+        with model.claimed():
+            return model.cost(values)
+
+    compared = model.compared(solution.values)
     found = Identified(
         estimate=estimate,
         covariance=covariance,
         correlation=covariance / np.outer(deviations, deviations),
-        residuals=model.by_experiment(r),
+        measured=model.by_experiment([one for one, _ in compared]),
+        fitted=model.by_experiment([values for _, values in compared]),
+        residuals=model.by_experiment(model.split(r)),
         jacobian=J,
+        freedom=model.freedom,
         sigma_known=known,
-        noise=noise,
-        iterations=solution.njev - 1,
+        noise=noise if known else noise * model.scale,
+        iterations=solution.iterations,
         runs=model.runs,
-        converged=solution.status > 0,
-        bounds=dict(zip(model.names, np.exp(np.transpose(model.bounds)).tolist(), strict=True)),
-        cost=model.cost,
+        converged=solution.status > 0 and not flat,
+        bounds=dict(zip(model.names, np.transpose(model.bounds).tolist(), strict=True)),
+        differenced=[name for name in model.names if name in model.differenced],
+        energies=_energies(estimate, covariance, model.plateaus),
+        cost=cost,
         least_cost=least_cost,
     )
-    for name, error in found.relative_errors.items():
-        if error > VAGUE:
-            found.warnings.append(
-                f"the data do not determine {name}: its standard error is {100 * error:.3g} % of "
-                f"its value. Measure where it matters, add another experiment, or give a prior"
-            )
-    bounded = [name for name, mask in zip(model.names, solution.active_mask, strict=True) if mask]
-    if bounded:
-        found.warnings.append(f"{', '.join(bounded)} ended at a bound, where errors are not valid")
+    found.warnings.extend(doubts(found, solution, model))
     for message in found.warnings:
         warn_together(model.comm, f"identify: {message}")
+    return found
+
+
+def _energies(
+    estimate: dict[str, float], covariance: Array, plateaus: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    """Fracture energies G_c = P_c (zeta_c + zeta_p)/2 of laws whose strength and critical gap were
+    found, with their relative standard errors."""
+    names, found = list(estimate), {}
+    for key, plateau in plateaus.items():
+        strength, gap, flat = (f"{key}.{of}" for of in ("strength", "critical_gap", "plateau_gap"))
+        if strength in estimate and gap in estimate:
+            gaps = {gap: estimate[gap], flat: estimate.get(flat, plateau)}
+            total = sum(gaps.values())
+            # d log G_c / d log p
+            slopes = {strength: 1.0} | {name: value / total for name, value in gaps.items()}
+            way = np.array([slopes.get(name, 0.0) for name in names])
+            found[key] = estimate[strength] * total / 2, float(np.sqrt(way @ covariance @ way))
     return found
 
 
@@ -390,7 +217,7 @@ def _loads_of(curves: Mapping[str, Sequence[Curve]], loads: Any, several: bool) 
 def _checked_bounds(
     start: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[Array, Array]:
-    """Logarithms of the bounds."""
+    """Smallest and largest values (k,)."""
     if unknown := sorted(set(bounds) - set(start)):
         raise ValueError(f"identify: bounds of {unknown[0]!r}, which is not in start {list(start)}")
     ends = []
@@ -402,8 +229,8 @@ def _checked_bounds(
             raise ValueError(
                 f"identify: start[{name!r}] = {value!r} must lie inside of its bounds {low}, {high}"
             )
-        ends.append((np.log(low) if low > 0 else -np.inf, np.log(high)))
-    low, high = np.array(ends).T
+        ends.append((low, high))
+    low, high = np.array(ends, dtype=float).T
     return low, high
 
 
@@ -421,9 +248,11 @@ def _checked_priors(
     return dict(priors)
 
 
-def _check_sigma(curves: Mapping[str, Sequence[Curve]], sigma: float | None) -> None:
+def _sigma_known(curves: Mapping[str, Sequence[Curve]], sigma: float | None) -> bool:
+    """Whether the noise is given."""
     if sigma is not None and not sigma > 0:
         raise ValueError(f"identify: sigma = {sigma!r} must be positive")
     own = [curve.sigma is not None for group in curves.values() for curve in group]
     if sigma is None and any(own) and not all(own):
         raise ValueError("identify: give sigma= for the curves that have none")
+    return sigma is not None or all(own)

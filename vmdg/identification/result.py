@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 #: in its first step.
 UNLIMITED, FIRST = 1e3, 2.0
 
+#: Distance from the estimate of values without a run, in standard errors.
+REFUSED = 1e3
+
 #: Error of the end of an interval, relative to its distance.
 OF_END = 0.02
 
@@ -29,11 +32,14 @@ class Run:
 
     Attributes:
         values: Parameters by name.
-        cost: Half of the sum of the squares of the weighted residuals, priors included.
+        cost: Half of the sum of the squares of the weighted residuals, priors included; inf
+            without a run.
+        refused: Why there is no run; empty where there is one.
     """
 
     values: dict[str, float]
     cost: float
+    refused: str = ""
 
 
 @dataclass(frozen=True)
@@ -47,14 +53,23 @@ class Identified:
         estimate: Parameters by name.
         covariance: Of the logarithms (k, k): its diagonal has the squares of relative errors.
         correlation: Of the logarithms (k, k).
-        residuals: Model minus measurement over sigma, by experiment and curve.
+        measured: What was measured, by experiment.
+        fitted: What the run of the estimate has in its place, by experiment.
+        residuals: Model minus measurement over sigma, by experiment; where sigma is not known in
+            units of a common number of the size of the measured values.
         jacobian: Derivatives of all weighted residuals by the logarithms, priors last (n, k).
+        freedom: Number of data, priors included, minus those of all that is fitted.
         sigma_known: Whether the noise was given; otherwise it is estimated from the residuals.
         noise: Factor on the given sigma that the residuals show, or the estimated sigma.
         iterations: Number of iterations of least squares.
         runs: All evaluations, in order, later ones included.
-        converged: Whether least squares converged.
+        converged: Whether least squares converged, and not where nothing changes with any
+            parameter.
         bounds: Smallest and largest value by name, 0 and inf without one.
+        differenced: Parameters whose derivatives are differences of whole runs; those of others
+            are carried along the runs.
+        energies: G_c and its relative standard error, by name of interfaces whose strength and
+            critical gap are parameters.
         cost: The cost for any parameters by name, by a run.
         least_cost: The least cost with a parameter, by name, at a value, by several runs.
         warnings: Messages about parameters that the data do not determine.
@@ -63,14 +78,19 @@ class Identified:
     estimate: dict[str, float]
     covariance: Array
     correlation: Array
+    measured: dict[str, list[Any]]
+    fitted: dict[str, list[Array]]
     residuals: dict[str, list[Array]]
     jacobian: Array
+    freedom: int
     sigma_known: bool
     noise: float
     iterations: int
     runs: list[Run]
     converged: bool
     bounds: dict[str, list[float]]
+    differenced: list[str]
+    energies: dict[str, tuple[float, float]]
     cost: Callable[[Mapping[str, float]], float] = field(repr=False)
     least_cost: Callable[[str, float], float] = field(repr=False)
     warnings: list[str] = field(default_factory=list)
@@ -92,8 +112,12 @@ class Identified:
             name: Its name.
             level: Probability with which such intervals contain the true value.
         """
-        factor = np.exp(self._width(level) * self.relative_errors[name])
-        return self.estimate[name] / factor, self.estimate[name] * factor
+        return self._around(self.estimate[name], self.relative_errors[name], level)
+
+    def _around(self, value: float, error: float, level: float) -> tuple[float, float]:
+        with np.errstate(over="ignore"):
+            factor = float(np.exp(self._width(level) * error))
+        return value / factor, value * factor
 
     def profile_interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a parameter from the cost itself, by further runs; collective.
@@ -139,14 +163,14 @@ class Identified:
     def _width(self, level: float) -> float:
         """Half of a confidence interval in standard errors."""
         share = (1 + level) / 2
-        freedom = self.jacobian.shape[0] - self.jacobian.shape[1]
-        return float(norm.ppf(share) if self.sigma_known else t.ppf(share, freedom))
+        return float(norm.ppf(share) if self.sigma_known else t.ppf(share, self.freedom))
 
     def _distance(self, cost: float) -> float:
         """Distance from the estimate, in standard errors of a linear model."""
         least = next(run.cost for run in self.runs if run.values == self.estimate)
-        scale = 1.0 if self.sigma_known else self.noise
-        return float(np.sqrt(2 * max(cost - least, 0.0))) / scale
+        if not np.isfinite(cost):
+            return REFUSED
+        return float(np.sqrt(2 * max(cost - least, 0.0))) / self._scale
 
     @property
     def least_certain(self) -> tuple[dict[str, float], float]:
@@ -173,41 +197,82 @@ class Identified:
             factors = {name: np.exp(place * error * way) for name, way in direction.items()}
             values = {name: self.estimate[name] * factor for name, factor in factors.items()}
             costs.append(self.cost(values))
-        scale = 1.0 if self.sigma_known else self.noise**2
         least = self.cost(self.estimate)
-        return places, (np.array(costs) - least) / scale, places**2 / 2
+        return places, (np.array(costs) - least) / self._scale**2, places**2 / 2
 
-    def plot(self, axes: Any) -> None:
-        """Draw the weighted residuals over the number of the point.
+    @property
+    def _scale(self) -> float:
+        """Standard deviation of the residuals."""
+        r = np.concatenate([one for group in self.residuals.values() for one in group])
+        return 1.0 if self.sigma_known else float(np.sqrt(r @ r / self.freedom))
+
+    def plot(self, figure: Any = None) -> Any:
+        """Draw what was measured with its noise and the run of the estimate, and below the
+        residuals over sigma, with the band that holds 95 % of them.
 
         Args:
-            axes: Axes of matplotlib.
+            figure: A figure of matplotlib, or None for a new one.
+
+        Returns:
+            The figure.
         """
-        for experiment, curves in self.residuals.items():
-            for number, values in enumerate(curves):
-                label = experiment if len(curves) == 1 else f"{experiment} {number + 1}"
-                axes.plot(np.arange(1, len(values) + 1), values, "o-", lw=0.5, ms=3, label=label)
-        axes.axhline(0.0, color="k", lw=0.8)
-        axes.set(xlabel="number of the point", ylabel="residual over sigma")
-        axes.legend()
+        if figure is None:
+            import matplotlib.pyplot as plt
+
+            figure = plt.figure(layout="constrained")
+        items = [
+            (experiment, *parts)
+            for experiment in self.measured
+            for parts in zip(
+                *(one[experiment] for one in (self.measured, self.fitted, self.residuals)),
+                strict=True,
+            )
+        ]
+        axes = figure.subplots(2, len(items), squeeze=False, height_ratios=(3, 1), sharex="col")
+        for (experiment, one, fitted, residuals), (top, bottom) in zip(items, axes.T, strict=True):
+            sigma = self.noise if one.sigma is None and not self.sigma_known else one.sigma
+            one.draw(top, fitted, sigma)
+            x = one.abscissae
+            bottom.axhspan(-1.96, 1.96, color="0.9")
+            bottom.axhline(0.0, color="k", lw=0.8)
+            bottom.plot(x, residuals / self._scale, "ko", ms=3)
+            bottom.set(xlabel=one.along, ylabel="residual / sigma")
+            if len(self.measured) > 1:
+                top.set_title(experiment)
+        return figure
 
     def _rows(self) -> list[tuple[str, float, float, float, float]]:
-        rows = []
-        for name, value in self.estimate.items():
-            rows.append((name, value, self.relative_errors[name], *self.interval(name)))
-        return rows
+        values = [
+            (name, value, self.relative_errors[name]) for name, value in self.estimate.items()
+        ]
+        values += [(f"G_c of {name}", *one) for name, one in self.energies.items()]
+        return [(*one, *self._around(*one[1:], 0.95)) for one in values]
 
     def __str__(self) -> str:
-        """A line for every parameter, and the warnings."""
-        width = max(map(len, self.names))
+        """A line for every parameter, the noise, correlations, what was done, and the warnings."""
+        rows = self._rows()
+        width = max(len(name) for name, *_ in rows)
         lines = [
             f"{name:{width}}  {value:.6g}  +- {100 * error:.2g} %  95 % in {low:.4g} .. {high:.4g}"
-            for name, value, error, low, high in self._rows()
+            for name, value, error, low, high in rows
         ]
-        head = f"{self.iterations} iterations, {len(self.runs)} runs" + (
-            "" if self.converged else ", not converged"
-        )
-        return "\n".join([*lines, head, *self.warnings])
+        if self.sigma_known:
+            lines.append(f"noise {self.noise:.3g} sigma")
+        else:
+            lines.append(f"noise {self.noise:.3g}, from the residuals")
+        if len(self.names) > 1:
+            lines.append("correlation")
+            for i, name in enumerate(self.names):
+                numbers = "".join(f"  {value:6.3f}" for value in self.correlation[i, : i + 1])
+                lines.append(f"  {name:{width}}{numbers}")
+        refused = sum(bool(run.refused) for run in self.runs)
+        head = f"{self.iterations} iterations, {len(self.runs)} runs"
+        head += f", {refused} of them refused" if refused else ""
+        head += "" if self.converged else ", not converged"
+        lines.append(head)
+        if self.differenced:
+            lines.append(f"by differences of whole runs: {', '.join(self.differenced)}")
+        return "\n".join([*lines, *(f"warning: {message}" for message in self.warnings)])
 
     def _repr_html_(self) -> str:
         """For notebooks: a table of the parameters."""

@@ -230,8 +230,7 @@ def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) 
             f"solve: derivatives = {names!r} must be a list of names, such as "
             '["bond.strength", "matrix.E"]'
         )
-    places, found = _places(problem), []
-    known = [f"{place}.{field}" for place, known in places.items() for field in known.fields]
+    places, known, found = _places(problem), parameter_names(problem), []
     for name in dict.fromkeys(names):
         place, _, field = name.rpartition(".")
         if place not in places or field not in places[place].fields:
@@ -248,6 +247,11 @@ def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) 
         if isinstance(names, Mapping):
             found[-1].value = float(names[name])
     return found
+
+
+def parameter_names(problem: Problem) -> list[str]:
+    """Names of all parameters of a problem."""
+    return [f"{place}.{field}" for place, one in _places(problem).items() for field in one.fields]
 
 
 def _places(problem: Problem) -> dict[str, _Place]:

@@ -1,0 +1,142 @@
+"""What speaks against the result of a fit, as text with the cure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm, t
+
+from .curves import Curve
+from .model import TOLERANCE, Fit, Measured, Model
+from .result import Identified
+
+Array = NDArray[np.float64]
+
+#: Relative standard error above which a parameter counts as not determined.
+VAGUE = 0.5
+
+#: Probability with which noise alone stays below a limit.
+LEVEL = 0.999
+
+#: Ratio of the largest values of a run and of a measurement that points to different units.
+UNLIKE = 100.0
+
+
+def doubts(found: Identified, solution: Fit, model: Model) -> list[str]:
+    """Messages about a result: what the data do not determine, and what the model does not fit."""
+    said = _unlike(model)
+    misfit = _misfit(found, model) if found.sigma_known else _shape(found, model)
+    flat = not found.converged and solution.status > 0
+    if flat:
+        said.append(
+            "the runs do not change with any parameter, so that the fit cannot leave "
+            f"{_named(found.estimate)}. Either a bond is broken before the first measured point, "
+            "or nothing fails in the runs, or abscissae and model are in different units: begin "
+            "where the curve of the run resembles the measured one, with a lower strength and a "
+            "larger gap or energy"
+        )
+    else:
+        said += [
+            f"the data do not determine {name}: its standard error is {100 * error:.3g} % of "
+            "its value. Measure where it matters, add another experiment, or give a prior"
+            for name, error in found.relative_errors.items()
+            if error > VAGUE
+        ]
+        said += misfit
+    if solution.bounded.any():
+        names = [name for name, hit in zip(model.names, solution.bounded, strict=True) if hit]
+        said.append(f"{', '.join(names)} ended at a bound, where errors are not valid")
+    if solution.status == 0:
+        said.append(
+            f"the fit was ended by max_runs = {len(model.runs)} before it converged: begin again "
+            "at found.estimate, with more runs"
+        )
+    elif model.runs[-1].refused and not flat:
+        said.append(
+            "the fit ended next to values of the parameters that have no run, and its minimum may "
+            f"be among them: {model.runs[-1].refused:.200}"
+        )
+    return said
+
+
+def _named(values: dict[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+
+
+def _items(found: Identified) -> list[tuple[str, Measured, Array]]:
+    """Everything measured, with its residuals over sigma, and what to call it."""
+    items = []
+    for experiment, group in found.measured.items():
+        for one, r in zip(group, found.residuals[experiment], strict=True):
+            items.append((f" in {experiment}" if len(found.measured) > 1 else "", one, r))
+    return items
+
+
+def _misfit(found: Identified, model: Model) -> list[str]:
+    """Where the sum of squares is beyond the limit of noise: of all, or of one measurement."""
+    sizes = [(float(r @ r), max(len(r) - one.nuisances, 1)) for _, one, r in _items(found)]
+    total = float(sum(size for size, _ in sizes)), max(found.freedom, 1)
+    if all(size <= chi2.ppf(LEVEL, count) for size, count in (*sizes, total)):
+        return []
+    limit = float(np.sqrt(chi2.ppf(LEVEL, total[1]) / total[1]))
+    name, one, r = max(_items(found), key=lambda item: np.abs(item[2]).max())
+    worst = int(np.abs(r).argmax())
+    return [
+        f"the model misses the data by {found.noise:.3g} sigma, noise alone by no more than "
+        f"{limit:.3g} in {100 * LEVEL:g} % of measurements; most, by {abs(r[worst]):.3g} sigma, "
+        f"{one.at(worst)}{name}. The errors are not valid. Look at found.plot(): one point alone "
+        "is an outlier; a shape means that law, bodies or supports of the model are not those of "
+        "the test, or that a better minimum lies elsewhere (begin at another start); a larger "
+        "scatter, that sigma is too small"
+    ]
+
+
+def _shape(found: Identified, model: Model) -> list[str]:
+    """Where residuals are not independent noise of one size: they follow each other, by the ratio
+    of von Neumann (1941), or one is an outlier, by the test of Grubbs (1950)."""
+    said = []
+    for name, one, r in _items(found):
+        n = len(r)
+        size = np.linalg.norm(r)
+        exact = size <= TOLERANCE * np.linalg.norm(one.data) / model.scale
+        if not isinstance(one, Curve) or n < 4 or exact:
+            continue
+        ratio = n / (n - 1) * float(np.sum(np.diff(r) ** 2)) / size**2
+        mean = 2 * n / (n - 1)
+        deviation = np.sqrt(4 * n**2 * (n - 2) / ((n + 1) * (n - 1) ** 3))
+        if ratio < mean + norm.ppf(1 - LEVEL) * deviation:
+            said.append(
+                f"the residuals of the {one.column}{name} follow each other (ratio of von Neumann "
+                f"{ratio:.2g}, of noise {mean:.2g}), by {found.noise:.3g} in the mean: law, bodies "
+                "or supports of the model are not those of the test, or a better minimum lies "
+                "elsewhere (begin at another start). The errors are not valid; look at found.plot()"
+            )
+        quantile = t.ppf(1 - (1 - LEVEL) / (2 * n), n - 2)
+        limit = (n - 1) / np.sqrt(n) * np.sqrt(quantile**2 / (n - 2 + quantile**2))
+        worst = int(np.abs(r).argmax())
+        if np.abs(r[worst]) > limit * size / np.sqrt(n - 1):
+            said.append(
+                f"{one.at(worst)}{name} is an outlier, {abs(r[worst]) * np.sqrt(n - 1) / size:.2g} "
+                "times the scatter of all from the model: leave it out, or give it a larger sigma"
+            )
+    return said
+
+
+def _unlike(model: Model) -> list[str]:
+    """Measurements of another size or sign than the run of the start."""
+    said = []
+    for one, run in model.compared(np.array([*model.start.values()])):
+        if not isinstance(one, Curve) or not run.any() or not one.data.any():
+            continue
+        sizes = np.abs(run).max(), np.abs(one.data).max()
+        if max(sizes) > UNLIKE * min(sizes):
+            said.append(
+                f"the {one.column} of the run at the start is up to {sizes[0]:.3g}, that measured "
+                f"up to {sizes[1]:.3g}: are they in the same unit?"
+            )
+        if run @ one.data < 0:
+            said.append(
+                f"the {one.column} of the run at the start has the opposite sign of that measured: "
+                "change the sign of one of them"
+            )
+    return said
