@@ -99,6 +99,11 @@ class InterfaceQuadrature:
         """The points that stay in a step."""
         return slice(None)
 
+    @property
+    def stretch(self) -> Array:
+        """rho = dS_2/dS_1 of every facet, the largest of its points (nf,)."""
+        return np.linalg.norm(self.outward[1], axis=1)[self.points_of_facet].max(axis=1)
+
     @cached_property
     def by_facet(self) -> tuple[NDArray[np.int32], Array]:
         """Points of all segments of every distinct facet (n, most points of one), and their

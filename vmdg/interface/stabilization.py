@@ -153,6 +153,7 @@ class Stabilizer:
     Attributes:
         interface: As given.
         facets: Facets of the quadrature.
+        stretch: rho of :mod:`vmdg.interface.coercivity` (nf,).
         automatic: Whether tau_s is scaled facet by facet, ``safety="auto"``.
         margin: alpha of :mod:`vmdg.interface.coercivity`.
     """
@@ -162,6 +163,7 @@ class Stabilizer:
     ):
         self.interface = interface
         self.facets = facets = quadrature.facets
+        self.stretch = quadrature.stretch
         self.automatic = interface.safety == AUTO and interface.stabilization is None
         degree = u.function_space.ufl_element().degree
         self.margin = margin(interface.law, degree)
@@ -409,7 +411,8 @@ class Stabilizers:
         ]
         if self._coercivity is None:
             facets = [self._interfaces[i].facets for i in chosen]
-            self._coercivity = Coercivity(self._u, self._bodies, facets)
+            stretches = [self._interfaces[i].stretch for i in chosen]
+            self._coercivity = Coercivity(self._u, self._bodies, facets, stretches)
         with timer("coercivity"):
             found = self._coercivity(
                 [self._interfaces[i].penalty(derived[i]) for i in chosen],
