@@ -28,10 +28,15 @@ Where meshes do not match, a facet has several partners, of other tau and delta.
 energy of the cell is then that of sum_f 1/c_f int_f h.h <= E_K(u), c_f in MPa/mm, which knows the
 cell alone, and
 
-    int 2 g.delta_a.h_a + c_a |delta_a^T.g|^2 >= -1/c_a int h_a.h_a,
+    int 2 g.delta_a.h_a + c_a |delta_a^T.g|^2 >= -1/c_a int h_a.h_a.
 
-so that tau = (c_1 delta_1.delta_1^T + c_2 delta_2.delta_2^T) / (1 - alpha) suffices for every
-pair: r = (c_1 delta_1^2 + c_2 delta_2^2) / (1 - alpha) for scalars.
+Where the facets of a pair are not parallel, the flux of side 2 enters per area of side 1, as
+rho h_2 with rho = dS_2/dS_1 = |M_2|, and as int rho |h_2|^2 dS_1 = int |h_2|^2 dS_2,
+
+    int 2 rho g.delta_2.h_2 + rho c_2 |delta_2^T.g|^2 dS_1 >= -1/c_2 int h_2.h_2 dS_2.
+
+So tau = (c_1 delta_1.delta_1^T + rho c_2 delta_2.delta_2^T) / (1 - alpha) suffices for every pair:
+r = (c_1 delta_1^2 + rho c_2 delta_2^2) / (1 - alpha) for scalars.
 
 alpha decides how near the solution is to that of continuous elements. The flux of the best
 approximation in the cells misses that of the solution by f, of order h^k, whatever the shape of the
@@ -391,16 +396,21 @@ def _square_root(
 
 
 def _of_pairs(
-    tau: NDArray[np.float64], delta: NDArray[np.float64], c: NDArray[np.float64]
+    tau: NDArray[np.float64],
+    delta: NDArray[np.float64],
+    c: NDArray[np.float64],
+    stretch: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Smallest factors s with s tau >= sum_a c_a delta_a.delta_a^T (n,).
+    """Smallest factors s with s tau >= c_1 delta_1.delta_1^T + rho c_2 delta_2.delta_2^T (n,).
 
     Args:
         tau: Penalties (n, d, d) [MPa/mm].
         delta: Flux weights (n, 2, d, d).
         c: c_a of both facets (n, 2) [MPa/mm].
+        stretch: rho (n,).
     """
-    least = np.einsum("fa,faik,fajk->fij", c, delta, delta)
+    per_area = np.column_stack([c[:, 0], stretch * c[:, 1]])
+    least = np.einsum("fa,faik,fajk->fij", per_area, delta, delta)
     # Of tau^-1.least, whose eigenvalues are those of a symmetric matrix.
     return np.linalg.eigvals(np.linalg.solve(tau, least)).real.max(axis=1)
 
@@ -415,16 +425,23 @@ class Coercivity:
         u: Displacement.
         bodies: Materials.
         interfaces: Open facets of every interface on this rank.
+        stretches: rho of them (nf,).
     """
 
-    def __init__(self, u: fem.Function, bodies: Bodies, interfaces: Sequence[InterfaceFacets]):
+    def __init__(
+        self,
+        u: fem.Function,
+        bodies: Bodies,
+        interfaces: Sequence[InterfaceFacets],
+        stretches: Sequence[NDArray[np.float64]],
+    ):
         mesh = u.function_space.mesh
         self._d = mesh.geometry.dim
         self._cell_map = mesh.topology.index_map(mesh.topology.dim)
         cell = basix.CellType[mesh.topology.cell_name()]
         self._facets_of_cell = len(basix.topology(cell)[self._d - 1])
         self._slots = [f.cells * self._facets_of_cell + f.local for f in interfaces]
-        self._paired = [f.paired for f in interfaces]
+        self._paired, self._stretches = [f.paired for f in interfaces], stretches
         # Cells of a rigid wall have no energy; tau is chosen for the deformable side.
         soft = ~bodies.rigid
         marks = self._to_owners([1.0 * soft[f.cells][:, :, None] for f in interfaces])
@@ -486,10 +503,12 @@ class Coercivity:
             needed = self._to_owners(marks)[self._solved, 0] > 0
         vector.array[self._solved] = self._free * self._problems(T, needed)
         vector.scatter_forward()
-        found = zip(self._paired, self._slots, penalties, deltas, shares, strict=True)
+        found = zip(
+            self._paired, self._slots, penalties, deltas, shares, self._stretches, strict=True
+        )
         return [
-            _of_pairs(tau, delta, vector.array[slots])
+            _of_pairs(tau, delta, vector.array[slots], stretch)
             if paired
             else (share * vector.array[slots]).sum(axis=1)
-            for paired, slots, tau, delta, share in found
+            for paired, slots, tau, delta, share, stretch in found
         ]

@@ -109,6 +109,8 @@ class SurfaceStabilizer(Stabilizer):
         self._stiffness = BubbleIntegrals(u, bodies, *own)
         self._factor = quadrature.bubble_factors_of(*own)
         self._rigid = bodies.rigid[own[0]]
+        # Of the facets alone: that of a pair enters in :meth:`of_pairs`.
+        self.stretch = np.ones(len(own[0]))
 
     def derive(self) -> SurfaceStabilization:
         """tau_a of (21) of all facets at the current displacement."""
@@ -134,7 +136,7 @@ class SurfaceStabilizer(Stabilizer):
         return super().suffices(applied.surfaces, derived, factor)
 
     def of_pairs(self, known: SurfaceStabilization, facets: PairedFacets) -> PairStabilization:
-        """The stabilization of pairs: r = c_1 delta_1^2 + c_2 delta_2^2."""
+        """The stabilization of the present pairs: r = c_1 delta_1^2 + rho c_2 delta_2^2."""
         d, rows = self._quadrature.d, facets.segments
         i, j = rows.first, self._first + rows.second
         tau1, tau2 = known.own[i], known.own[j]
@@ -145,7 +147,8 @@ class SurfaceStabilizer(Stabilizer):
         order = "fro" if self.interface.norm == "frobenius" else 2
         size = np.linalg.norm(bonded, ord=order, axis=(1, 2))
         if self.automatic:
-            r = known.norm[i] * share[:, 0] ** 2 + known.norm[j] * share[:, 1] ** 2
+            c1, c2 = known.norm[i], self._quadrature.stretch * known.norm[j]
+            r = c1 * share[:, 0] ** 2 + c2 * share[:, 1] ** 2
             r = np.maximum(r, GOOD_RATIO * facets.law.softening_modulus)
         else:
             r = self.interface.safety * size

@@ -99,6 +99,11 @@ class InterfaceQuadrature:
         """The points that stay in a step."""
         return slice(None)
 
+    @property
+    def stretch(self) -> Array:
+        """rho = dS_2/dS_1 of every facet, the largest of its points (nf,)."""
+        return np.linalg.norm(self.outward[1], axis=1)[self.points_of_facet].max(axis=1)
+
     def _take_places(self, one: Array, two: Array, room: int | None = None) -> None:
         """Take positions of the points in the reference cells of both sides (nf, points, d), with
         room for so many points if it changes."""

@@ -155,6 +155,7 @@ class Stabilizer:
     Attributes:
         interface: As given.
         facets: Facets of the quadrature.
+        stretch: rho of :mod:`vmdg.interface.coercivity` (nf,).
         automatic: Whether tau_s is scaled facet by facet, ``safety="auto"``.
         margin: alpha of :mod:`vmdg.interface.coercivity`.
     """
@@ -164,6 +165,7 @@ class Stabilizer:
     ):
         self.interface = interface
         self.facets = facets = quadrature.facets
+        self.stretch = quadrature.stretch
         self.automatic = interface.safety == AUTO and interface.stabilization is None
         degree = u.function_space.ufl_element().degree
         self.margin = margin(interface.law, degree)
@@ -407,7 +409,8 @@ class Stabilizers:
         ]
         if self._coercivity is None:
             facets = [self._interfaces[i].facets for i in chosen]
-            self._coercivity = Coercivity(self._u, self._bodies, facets)
+            stretches = [self._interfaces[i].stretch for i in chosen]
+            self._coercivity = Coercivity(self._u, self._bodies, facets, stretches)
         with timer("coercivity"):
             found = self._coercivity(
                 [derived[i].penalty for i in chosen],
