@@ -111,9 +111,15 @@ class ExplicitSteps:
         eigenvalue of M^-1.K on their way.
         """
         problem, held = self._problem, self._problem.loading.owned_prescribed
+        interfaces = problem.discretization.active.values()
+        known = [active.stabilization for active in interfaces]
+        for active in interfaces:
+            active.take_in()
         problem.step.assemble_residual(hold=True)
         matrix = problem.discretization.create_matrix()
         problem.discretization.assemble_tangent(matrix, damage=False)
+        for active, stabilization in zip(interfaces, known, strict=True):
+            active.stabilization = stabilization
         matrix.zeroRowsColumnsLocal(held, 0.0)
         x, b = matrix.createVecs()
         # The highest modes alternate from node to node, as does a function of their positions that

@@ -15,7 +15,7 @@ from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..forms.geometry import Geometry
 from ..laws import Mode
-from ..laws.base import joined_laws, same_law, work_gradient
+from ..laws.base import dot, joined_laws, same_law, work_gradient
 from .facets import InterfaceFacets
 from .fluid import Fluid
 from .frame import TurningTangent
@@ -41,6 +41,14 @@ def _quadrature(
 
 class ActiveInterface:
     """An interface with its open facets and the state of their points.
+
+    Contact at open points, T = 0, leaves -|{P.N}|^2/(2r) of (30): zero for the solution, but for
+    its approximation the body would be softer near another one that it does not touch. The facets
+    where all points are open at the start of a step are left out: with zero flux weights zeta = g
+    makes T = s = 0, and no term remains. A facet is taken in, with its weights, in the first
+    iteration in which one of its points closes with them, and then for the whole step: a decision by every
+    state anew would alternate where -|{P.N}|^2/(2r) itself closes the gap. As s = 0 at its start,
+    both forms have one energy there, and the energy of the step is that with the facet.
 
     Args:
         interface: The user's description.
@@ -125,7 +133,58 @@ class ActiveInterface:
             self.stabilizer.check_softening(stabilization)
             if before is not None:
                 self._follow_penalty(np.maximum(stabilization.norm - before.norm, 0.0))
-        return 0.0 if before is None else self._energy_between(before, stabilization)
+        energy = 0.0 if before is None else self._energy_between(before, self.stabilization)
+        released = self._leave_out_open() if self.lets_go else 0.0
+        return energy + released * (before is not None)
+
+    @property
+    def lets_go(self) -> bool:
+        """Whether open facets are left out: without a bond, and without a fluid to push them."""
+        law = self.interface.law
+        bare = law.inelastic and not law.has_bond
+        return bare and self.fluid is None and not self.interface.traction_jump
+
+    def _leave_out_open(self) -> float:
+        """Leave out the facets that are open everywhere, with zeta = g; the resulting change of the
+        energy (30) at this rank's points [N mm; N in plane strain]."""
+        q, r, trial = self.quadrature, self.stabilization.norm, self.trial()
+        idle = ~self.history.traction.any(axis=1)
+        R = np.eye(q.d)[None] if trial.R is None else trial.R
+        out = np.ones(len(r), dtype=bool)
+        out[q.facet[~(idle & _apart(trial))]] = False
+        self._leave_out(out)
+        if not out.any():
+            return 0.0
+        rows = out[q.facet]
+        r, s = r[q.facet, None], self.values.elastic_opening
+        flux = trial.total - r * trial.opening
+        energy = rows * q.weights @ np.einsum("pi,pi->p", flux + r * s / 2, s)
+        known = {"gap": trial.opening, "traction": 0.0}
+        inside = apply(R.swapaxes(1, 2), trial.opening)
+        if trial.R is not None:
+            known |= {"frame_total": r * inside, "frame_gap": inside, "frame_traction": 0.0}
+        for name, value in known.items():
+            array = getattr(self.values, name)
+            mark = rows.reshape(-1, *[1] * (array.ndim - 1))
+            known[name] = np.where(mark, value, array)
+        self.values = replace(self.values, **known)
+        self._open_gaps(np.where(rows[:, None], inside, self.history.gap), rows)
+        return -float(energy)
+
+    def _leave_out(self, out: NDArray[np.bool_]) -> None:
+        """Leave these facets out of the forms (nf,), and no others."""
+        weights = self.stabilizer.flux_weights(self.stabilization.delta)
+        weights = np.where(out[:, None, None, None], 0.0, weights)
+        self.stabilization = replace(self.stabilization, weights=weights)
+
+    def _open_gaps(self, gap: NDArray[np.float64], rows: NDArray[np.bool_]) -> None:
+        """Set zeta of the history (nq, d) [mm], with s = 0 at some points (nq,)."""
+        self.history = replace(self.history, gap=gap)
+
+    def take_in(self) -> None:
+        """Take in all facets that were left out."""
+        if self.lets_go:
+            self._leave_out(np.zeros(len(self.facets.facets), dtype=bool))
 
     def _energy_between(self, before: Stabilization, after: Stabilization) -> float:
         """Difference of (30) at the current state [N mm; N in plane strain].
@@ -182,11 +241,26 @@ class ActiveInterface:
 
     # Return maps
 
-    def trial(self) -> Trial:
-        """Input of the return map of the step at the current displacement."""
-        return self._return_map.trial(
-            self.stabilization, self.history, self._overstress_modulus, self._cycles
+    def trial(self, closes: bool = False) -> Trial:
+        """Input of the return map of the step at the current displacement.
+
+        Args:
+            closes: Take in facets that were left out and now touch.
+        """
+        known, q = self.stabilization, self.quadrature
+        out = known.left_out if self.lets_go else np.zeros(0, dtype=bool)
+        if out.any():
+            known = replace(known, weights=self.stabilizer.flux_weights(known.delta))
+        trial = self._return_map.trial(
+            known, self.history, self._overstress_modulus, self._cycles
         )
+        if not out.any():
+            return trial
+        if closes and (closed := out[q.facet] & ~_apart(trial)).any():
+            out[q.facet[closed]] = False
+            self._leave_out(out)
+        alone = trial.r[:, None] * trial.opening
+        return replace(trial, total=np.where(out[q.facet, None], alone, trial.total))
 
     def go_between(self, start: PointHistory, end: PointValues, share: float) -> None:
         """Set values at the current displacement, with zeta at a fraction of its change in the
@@ -378,7 +452,7 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
         hold: Fix zeta at its converged value.
     """
     for group in _with_equal_laws(interfaces):
-        trials = [active.trial() for active in group]
+        trials = [active.trial(closes=not hold) for active in group]
         last = joined([replace(active.values, update=None) for active in group]) if hold else None
         law = joined_laws([active.law for active in group])
         values = evaluate(law, joined(trials), dt, last)
@@ -439,6 +513,12 @@ def recoverable_energy(active: ActiveInterface) -> float:
         return 0.0
     history, q = active.history, active.quadrature
     return float(q.weights @ active.law.stored_energy(history.gap, q.normal, history.softening))
+
+
+def _apart(trial: Trial) -> NDArray[np.bool_]:
+    """Points that are open with and without their fluxes (nq,)."""
+    normal = trial.N if trial.R is None else apply(trial.R, trial.N)
+    return np.minimum(dot(trial.total, normal), dot(trial.opening, normal)) > 0
 
 
 def _starts_apart(active: ActiveInterface) -> bool:

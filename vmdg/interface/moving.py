@@ -69,9 +69,12 @@ class PairStabilization(Stabilization):
 
     Attributes:
         surfaces: That of the facets, from which it follows.
+        taken_in: Numbers of the pairs that are not left out, see :class:`.ActiveInterface`; None
+            for all.
     """
 
     surfaces: SurfaceStabilization
+    taken_in: NDArray[np.intp] | None = None
 
 
 class EachFacet(NamedTuple):
@@ -98,7 +101,7 @@ class SurfaceStabilizer(Stabilizer):
     def __init__(
         self, interface: Interface, quadrature: PairQuadrature, u: fem.Function, bodies: Bodies
     ):
-        self.interface, self._quadrature = interface, quadrature
+        self.interface, self._quadrature, self._turns = interface, quadrature, True
         self.automatic = interface.safety == AUTO
         degree = u.function_space.ufl_element().degree
         self.margin = margin(interface.law, degree)
@@ -152,8 +155,7 @@ class SurfaceStabilizer(Stabilizer):
             r = np.maximum(r, GOOD_RATIO * facets.law.softening_modulus)
         else:
             r = self.interface.safety * size
-        one = np.eye(d)
-        weights, tau = share[:, :, None, None] * one, r[:, None, None] * one
+        weights, tau = self.flux_weights(delta), r[:, None, None] * np.eye(d)
         both = tau1 @ bonded @ tau2
         return PairStabilization(tau, delta, weights, tau, both, r, r / size, known)
 
@@ -300,7 +302,26 @@ class MovingInterface(ActiveInterface):
         if full:
             self._make_evaluators()
         if isinstance(self.stabilization, PairStabilization):
-            self.stabilization = self.stabilizer.of_pairs(self.stabilization.surfaces, facets)
+            taken_in = self.stabilization.taken_in
+            known = self.stabilizer.of_pairs(self.stabilization.surfaces, facets)
+            self.stabilization = replace(known, taken_in=taken_in)
+            if taken_in is not None:
+                self._leave_out(~np.isin(self._numbers(self._rows), taken_in))
+
+    def _leave_out(self, out: NDArray[np.bool_]) -> None:
+        super()._leave_out(out)
+        known, taken_in = self.stabilization, self._numbers(self._rows)[~out]
+        assert isinstance(known, PairStabilization)
+        if known.taken_in is not None:  # others may come back in this step
+            taken_in = np.union1d(known.taken_in, taken_in)
+        self.stabilization = replace(known, taken_in=taken_in)
+
+    def _open_gaps(self, gap: Array, rows: NDArray[np.bool_]) -> None:
+        super()._open_gaps(gap, rows)
+        known = self._committed
+        if known is not None and np.array_equal(known.u, self._u.x.array):
+            elastic = np.where(rows[:, None], 0.0, known.elastic)
+            self._committed = replace(known, elastic=elastic, history=self.history)
 
     # What points carry
 
@@ -459,6 +480,8 @@ class MovingInterface(ActiveInterface):
         self._committed, self._bonded = pairs.committed, pairs.bonded
         if pairs.facets is not self.facets:
             self._take(pairs.facets)
+        if isinstance(known := snapshot.stabilization, SurfaceStabilization):
+            snapshot = replace(snapshot, stabilization=self.stabilizer.of_pairs(known, self.facets))
         super().return_to(snapshot)
         super().slow_down(*self._slowed)
         if pairs.elastic is not None:
@@ -489,13 +512,12 @@ class MovingInterface(ActiveInterface):
 
     def restored(
         self, facets: PairedFacets, own: Array, norm: Array, bonded: NDArray[np.bool_], s: Array
-    ) -> tuple[PairStabilization, MovingPairs]:
-        """Stabilization and pairs of a snapshot, from :meth:`pairs_at`, :meth:`facet_state` and
-        :attr:`elastic`."""
+    ) -> tuple[SurfaceStabilization, MovingPairs]:
+        """Stabilization of the facets of both surfaces and pairs of a snapshot, from
+        :meth:`pairs_at`, :meth:`facet_state` and :attr:`elastic`."""
         known = self.stabilizer.of_facets(own).with_norm(norm)
         count = len(self.facets.surfaces.sides[0].facets)
-        pairs = MovingPairs(facets, None, bonded[:count], s)
-        return self.stabilizer.of_pairs(known, facets), pairs
+        return known, MovingPairs(facets, None, bonded[:count], s)
 
     def continue_from(self, other: ActiveInterface) -> None:
         """The state of the same interface in another discretization."""

@@ -37,8 +37,8 @@ class Stabilization:
     Attributes:
         tau: tau_s, safety included (nf, d, d) [MPa/mm].
         delta: Flux weights delta_1, delta_2 of (23) (nf, 2, d, d).
-        weights: Flux weights of the forms: delta, or its isotropic part for a rotating frame (nf,
-            2, d, d).
+        weights: Flux weights of the forms: delta, or its isotropic part for a rotating frame; zero
+            where a facet is left out, see :class:`.ActiveInterface` (nf, 2, d, d).
         penalty: tau_s of the forms (nf, d, d) [MPa/mm]: ``tau``, or r I where the law can fail, so
             that r is also that of the return map, or where its frame turns.
         delta_s: (tau_1^-1 + tau_2^-1)^-1 of (25)-(26), without safety (nf, d, d) [mm3/N].
@@ -53,6 +53,11 @@ class Stabilization:
     delta_s: NDArray[np.float64]
     norm: NDArray[np.float64]
     safety: NDArray[np.float64]
+
+    @property
+    def left_out(self) -> NDArray[np.bool_]:
+        """Facets without fluxes in the forms (nf,)."""
+        return ~self.weights.any(axis=(1, 2, 3))
 
     @classmethod
     def empty(cls, d: int) -> Stabilization:
@@ -208,12 +213,8 @@ class Stabilizer:
             if not self.automatic:
                 safety = self.interface.safety
             tau, delta1 = safety * bonded, bonded @ tau1
-        delta = weights = np.stack([delta1, np.eye(d) - delta1], axis=1)
-        if self._turns:
-            # A tensor from the start of a step would not rotate with the body; scalars are
-            # unaffected.
-            share = np.trace(delta, axis1=2, axis2=3) / d
-            weights = share[:, :, None, None] * np.eye(d)
+        delta = np.stack([delta1, np.eye(d) - delta1], axis=1)
+        weights = self.flux_weights(delta)
         order = "fro" if self.interface.norm == "frobenius" else 2
         norm = np.linalg.norm(tau, ord=order, axis=(1, 2))
         scalar = self.interface.law.inelastic or self._turns
@@ -221,6 +222,14 @@ class Stabilizer:
         delta_s = tau1 @ bonded @ tau2
         safeties = np.full(number, float(safety))
         return Stabilization(tau, delta, weights, penalty, delta_s, norm, safeties)
+
+    def flux_weights(self, delta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Flux weights of the forms from delta (nf, 2, d, d)."""
+        if not self._turns:
+            return delta
+        # A tensor from the start of a step would not rotate with the body; scalars are unaffected.
+        share = np.trace(delta, axis1=2, axis2=3) / delta.shape[3]
+        return share[:, :, None, None] * np.eye(delta.shape[3])
 
     def scaled(
         self,

@@ -56,8 +56,9 @@ class Capacitance:
 
         K^-1.b = y + K_0^-1.B^T.z,    (I - D.S).z = D.B.y,    S = B.K_0^-1.B^T.
 
-    The gap increments z are zero at points without damage. K_0 is factorized once; S, symmetric and
-    dense, is computed when a point is damaged for the first time. The first rank stores it and
+    The gap increments z are zero at points without damage. K_0 is factorized once, and again where
+    facets of open contact were left out or taken in; S, symmetric and dense, is computed when a
+    point is damaged for the first time. The first rank stores it and
     solves the systems of the gaps for all ranks. A second right-hand side costs a third of the
     first.
 
@@ -86,6 +87,12 @@ class Capacitance:
         rigid = problem.loading.rigid
         self._motions = rigid.columns
         self._prescribed = np.union1d(problem.loading.owned_prescribed, rigid.dofs)
+        self._factorize()
+        self.iterations = 0
+
+    def _factorize(self) -> None:
+        """Factorize K_0, with the facets that are in the forms now; collective."""
+        problem, self._weights = self._problem, self._flux_weights()
         with timer("factorize bonded bodies"):
             matrix = problem.discretization.create_matrix()
             problem.discretization.assemble_tangent(matrix, damage=False)
@@ -105,7 +112,17 @@ class Capacitance:
         self._forces.zeroRows(prescribed, 0.0)
         self._free_faces()
         self._system: GapSystem | None = None
-        self.iterations = 0
+
+    def _flux_weights(self) -> list[Array]:
+        """Of the interfaces whose open facets are left out."""
+        return [one.stabilization.weights for one in self._interfaces if one.lets_go]
+
+    def _follow(self) -> None:
+        """Factorize again if facets have been left out or taken in since; collective."""
+        pairs = zip(self._weights, now := self._flux_weights(), strict=True)
+        if now and global_any(self._comm, not all(np.array_equal(a, b) for a, b in pairs)):
+            self.free()
+            self._factorize()
 
     def _free_faces(self) -> None:
         """Compute X, X^T.K_0.X = T^T.K_0.X and B.X for rigid faces; collective."""
@@ -130,6 +147,7 @@ class Capacitance:
 
     def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> Array:
         """Solve K.du = forces for several right-hand sides (k, owned dofs); collective."""
+        self._follow()
         with timer("linear solve"):
             found, D = self._bonded(forces, moved), self._damage()
             if global_any(self._comm, D.any()):
@@ -155,6 +173,7 @@ class Capacitance:
         Returns:
             du of owned dofs [mm]; only an approximation if the iteration does not converge.
         """
+        self._follow()
         trials = [active.trial() for active in self._interfaces]
         found = self._bonded([forces], [moved])
         tractions = bonded = _times(self._tractions, found)
