@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -85,3 +86,39 @@ def test_other_laws_do_not_share(comm):
         softening = state.softening > 0
         assert size[softening] == pytest.approx(law.strength - state.softening[softening], rel=1e-6)
         assert problem.comm.allreduce(int(softening.sum())) > 0
+
+
+@dataclass(frozen=True)
+class Mistaken(vmdg.Debonding):
+    """Answers with a gap of NaN, or of another shape."""
+
+    def return_map(self, trial, normal, gap, *others):
+        """As that of Debonding, whose arguments it overwrites."""
+        update = super().return_map(trial, normal, gap, *others)
+        if self.strength > 1.0:
+            trial[:] = normal[:] = gap[:] = 7.0
+            return update
+        wrong = np.full_like(update.gap, np.nan) if self.friction else update.gap[:, 0]
+        return replace(update, gap=wrong)
+
+
+def test_answers_of_a_law(comm):
+    """What a law of the user's returns is checked, and it cannot overwrite what it is given."""
+    scene, runs = blocks(comm, "quadrilateral", (2, 2)), {}
+    for kind, strength, friction in (
+        (vmdg.Debonding, 20.0, 0.3),
+        (Mistaken, 20.0, 0.3),
+        (Mistaken, 1.0, 0.3),
+        (Mistaken, 1.0, 0.0),
+    ):
+        law = kind(strength=strength, critical_gap=0.1, friction=friction)
+        bodies = dict(enumerate(MATERIALS, 1))
+        bond = vmdg.Interface(between=(1, 2), law=law)
+        problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [bond])
+        problem.dirichlet(scene.facet_tags.find("left"), 0.0)
+        problem.dirichlet(scene.facet_tags.find("right"), lambda t: (0.05 * t, 0.02 * t))
+        reason = r"Mistaken.return_map: gap (\[nan|of \d+ points has shape)"
+        with pytest.raises(ValueError, match=reason) if strength == 1.0 else nullcontext():
+            vmdg.solve(problem, [0.5, 1.0])
+            runs[kind] = problem.u.x.array.copy()
+    assert np.array_equal(*runs.values())

@@ -441,6 +441,76 @@ class Wrong(vmdg.PointMaterial):
         return answer._replace(state=state, moduli=answer.moduli.reshape(-1, 9, 9))
 
 
+class Mistaken(vmdg.PointMaterial):
+    """A metal that changes, from a stretch of 1.004 on, what ``mistake`` makes of its answer."""
+
+    fields = METAL.fields
+
+    def __init__(self, mistake):
+        super().__init__(vmdg.NeoHookean(E=E, nu=NU))
+        self.mistake = mistake
+
+    def __call__(self, deformation, state, dt, small):
+        answer = METAL(deformation, state, dt, small)
+        late = deformation[:, 0, 0] > (0.004 if small else 1.004)
+        return self.mistake(answer, late, deformation, state)
+
+
+def _lost(name):
+    """A mistake: NaN in one of the arrays."""
+
+    def mistake(answer, late, *_):
+        array = getattr(answer, name).copy()
+        array[late] = np.nan
+        return answer._replace(**{name: array})
+
+    return mistake
+
+
+def _overwrites(answer, late, deformation, state):
+    state[:], deformation[:] = answer.state, 7.0
+    return answer
+
+
+def _end_forces(comm, material, kinematics):
+    scene = two_blocks(comm, "quadrilateral")
+    problem = joined(scene, vmdg.Bonded(), (material, material), kinematics=kinematics, degree=2)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: (0.03 * t, 0.0))
+    return problem, lambda p: {"F": p.reaction(scene.facet_tags.find(2))[0]}
+
+
+@KINEMATICS
+def test_answers_that_are_not_finite(comm, kinematics):
+    """A history or an energy of NaN is an error that names material and point, and leaves the last
+    row; a stress of NaN a failed attempt that names the material."""
+    loads = [0.1, 0.2, 1.0]
+    for name in ("state", "stored", "dissipated"):
+        problem, look = _end_forces(comm, Mistaken(_lost(name)), kinematics)
+        at = []
+        with pytest.raises(ValueError, match=rf"Mistaken \(tag [12]\): {name} is \[?nan.* at the"):
+            vmdg.solve(problem, loads, monitor=lambda p, at=at: at.append(p.t))
+        assert problem.t == at[-1] < 1.0
+        assert np.isfinite(problem.step.assemble_residual()).all()
+    for name in ("stress", "moduli"):
+        problem, look = _end_forces(comm, Mistaken(_lost(name)), kinematics)
+        options = vmdg.SolveOptions(max_cuts=1)
+        with pytest.raises(vmdg.StepFailure, match=r"MATERIAL_NOT_FINITE Mistaken \(tag"):
+            vmdg.solve(problem, loads, options, look)
+
+
+def test_a_material_that_writes_into_its_arguments(comm):
+    """It has copies: the run is that of one that does not."""
+    runs = [
+        vmdg.solve(problem, [0.5, 1.0], monitor=look).history["F"]
+        for problem, look in (
+            _end_forces(comm, material, "finite")
+            for material in (Mistaken(lambda answer, *_: answer), Mistaken(_overwrites))
+        )
+    ]
+    assert np.array_equal(*runs)
+
+
 def test_wrong_answers(comm):
     """Of a user's material: an error that names it, on every rank; an iteration that diverges
     asks it nothing.

@@ -118,7 +118,8 @@ class Question:
         """With the shapes of :class:`.Response`."""
         n, material = len(deformation), self._material
         shapes = (n, 3, 3), (n, 3, 3, 3, 3), state.shape, (n,), (n,)
-        found = material(deformation, state, self._dt, self._small)
+        # A material that writes into what it is given writes into copies.
+        found = material(deformation.copy(), state.copy(), self._dt, self._small)
         for name, value, shape in zip(Response._fields, found, shapes, strict=True):
             if np.shape(value) != shape:
                 raise ValueError(

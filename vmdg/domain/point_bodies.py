@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from reprlib import repr as short
 
 import basix
 import basix.ufl
@@ -104,6 +105,8 @@ class PointBodies:
         symmetric: Whether all moduli have major symmetry.
         viscous: Whether a stress depends on the time step.
         state: Current state.
+        lost: Material and tag of this rank's points whose stress or moduli were not finite for a
+            finite F at the last evaluation; empty for none.
     """
 
     def __init__(
@@ -121,6 +124,7 @@ class PointBodies:
         self._plane_stress, self._eigenstrain = plane_stress, eigenstrain
         self.materials = dict(materials)
         self._deformed: PointDeformation | None = None
+        self.lost = ""
         self.symmetric = all(material.symmetric for material in materials.values())
         self.viscous = any(material.viscous for material in materials.values())
         chosen = [cells_of[tag] for tag in materials]
@@ -208,10 +212,12 @@ class PointBodies:
                 iteration are closer to those of the step than the elastic ones of a state at rest.
 
         Raises:
-            ValueError: a material answers with arrays of the wrong shape, on every rank.
+            ValueError: a material answers with arrays of the wrong shape, or with a history or
+                energies that are not finite beside a finite stress, on every rank.
         """
         with timer("bodies at points"):
-            state = together(self._mesh.comm, lambda: self._evaluated(deformation, dt))
+            evaluated = lambda: self._checked(self._evaluated(deformation, dt))  # noqa: E731
+            state = together(self._mesh.comm, evaluated)
             if hold:
                 state = _with(state, moduli=self.state.moduli)
             self.take(state)
@@ -272,6 +278,41 @@ class PointBodies:
             tuple(history),
             deformation,
         )
+
+    def _checked(self, state: PointState) -> PointState:
+        """A new state, if all is finite, or if a stress or moduli are not, with which an attempt of
+        a step fails.
+
+        Raises:
+            ValueError: something else is not finite beside a finite stress.
+        """
+        self.lost = ""
+        arrays = state.stress, state.moduli, state.stored, state.dissipated
+        points = [a.reshape(state.stored.size, *a.shape[2:]) for a in arrays]
+        for number, (material, start, stop) in enumerate(self._parts):
+            own = slice(start * len(self.points), stop * len(self.points))
+            stress, moduli, stored, dissipated = (array[own] for array in points)
+            label = f"{type(material).__name__} (tag {list(self.materials)[number]})"
+            known = _finite(stress) & _finite(moduli)
+            stress[~known] = np.nan  # no iteration goes on with such moduli
+            if (_finite(state.deformation[own]) & ~known).any():
+                self.lost = label
+            others = {"state": state.next[number], "stored": stored, "dissipated": dissipated}
+            for name, array in others.items():
+                wrong = np.flatnonzero(known & ~_finite(array))
+                if not len(wrong):
+                    continue
+                cell, point = divmod(own.start + int(wrong[0]), len(self.points))
+                geometry_map = GeometryMap(self._mesh, self.points)
+                X = geometry_map.positions(geometry_map.nodes(self.cells[cell : cell + 1]))
+                place = ", ".join(
+                    f"{x:.6g}" for x in np.reshape(X, (-1, len(self.points)))[:, point]
+                )
+                raise ValueError(
+                    f"{label}: {name} is {short(array[wrong[0]].tolist())} at the point ({place}), "
+                    "where the stress is finite; it must be finite too, see vmdg.Response"
+                )
+        return state
 
     def _strain(self) -> Array | None:
         """Eigenstrain of all points (n, 3, 3); None for none."""
@@ -488,6 +529,11 @@ class PointDeformation:
         found = compat.evaluate(self._expression, self._mesh, self._cells)
         values[:, axes[:, None], axes] = found.reshape(-1, len(axes), len(axes))
         return values if not self._small else (values + values.transpose(0, 2, 1)) / 2 - one
+
+
+def _finite(array: Array) -> NDArray[np.bool_]:
+    """Which rows are finite."""
+    return np.isfinite(joined_axes(array, 1)).all(axis=1)
 
 
 def _with(state: PointState, **changes: object) -> PointState:

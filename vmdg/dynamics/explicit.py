@@ -100,7 +100,7 @@ class ExplicitSteps:
                     yield Attempt(False, reason="DIVERGED_MAX_IT")
                     return
             if not self._finite():
-                yield Attempt(False, reason="DIVERGED_FNORM_NAN")
+                yield Attempt(False, reason=self._problem.step.cause("DIVERGED_FNORM_NAN"))
                 return
         yield Attempt(True, [0.0])
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
+from ..base.agreement import together
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..forms.geometry import Geometry
@@ -454,8 +455,9 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
     for group in _with_equal_laws(interfaces):
         trials = [active.trial(closes=not hold) for active in group]
         last = joined([replace(active.values, update=None) for active in group]) if hold else None
-        law = joined_laws([active.law for active in group])
-        values = evaluate(law, joined(trials), dt, last)
+        law, trial = joined_laws([active.law for active in group]), joined(trials)
+        comm = group[0].quadrature.mesh.comm
+        values = together(comm, partial(evaluate, law, trial, dt, last))
         ends = np.cumsum([len(trial.opening) for trial in trials])
         for active, trial, end in zip(group, trials, ends, strict=True):
             alone = len(group) == 1

@@ -228,14 +228,44 @@ def map_back(law: Law, load: Array, trial: Trial, dt: float) -> Update:
         trial: r, N, zeta_n, Q_n, k and cycles.
         dt: Time step [s].
     """
-    known = trial.N, trial.gap, trial.softening
-    if trial.cycles is not None:
-        return law.return_map(load, *known, trial.r, dt, trial.cycles)
-    if trial.overstress_modulus is None:
-        return law.return_map(load, *known, trial.r, dt)
-    update = law.return_map(load, *known, trial.r + trial.overstress_modulus, dt)
-    borne = trial.overstress_modulus[:, None] * (update.gap - trial.gap)
+    k = None if trial.cycles is not None else trial.overstress_modulus
+    # A law that writes into what it is given writes into copies.
+    known = (array.copy() for array in (load, trial.N, trial.gap, trial.softening))
+    cycles = () if trial.cycles is None else (trial.cycles,)
+    update = law.return_map(*known, trial.r + (0.0 if k is None else k), dt, *cycles)
+    _check_answer(law, load, update)
+    if k is None:
+        return update
+    borne = k[:, None] * (update.gap - trial.gap)
     return replace(update, traction=update.traction + borne)
+
+
+def _check_answer(law: Law, load: Array, update: Update) -> None:
+    """Check what a law returns for T_tr (n, d).
+
+    Raises:
+        ValueError: arrays of the wrong shape, or a history that is not finite beside a finite
+            traction.
+    """
+    n, d = load.shape
+    name, shapes = type(law).__name__, {"traction": (n, d), "gap": (n, d), "softening": (n,)}
+    shapes |= {"multiplier": (n,), "tangent": (n, d, d), "mode": (n,)}
+    shapes |= {f"{kind}_work": (n,) for kind in ("damage", "friction", "viscous")}
+    for key, shape in shapes.items():
+        if (given := np.shape(getattr(update, key))) != shape:
+            raise ValueError(
+                f"{name}.return_map: {key} of {n} points has shape {given}, expected {shape}, see "
+                "vmdg.Update"
+            )
+    history = np.isfinite(update.gap).all(axis=1) & np.isfinite(update.softening)
+    wrong = np.flatnonzero(np.isfinite(update.traction).all(axis=1) & ~history)
+    if len(wrong):
+        i = wrong[0]
+        raise ValueError(
+            f"{name}.return_map: gap {update.gap[i].tolist()}, softening {update.softening[i]} for "
+            f"the trial traction {load[i].tolist()}, where the traction is finite; they must be "
+            "finite too, see vmdg.Update"
+        )
 
 
 def _in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValues:

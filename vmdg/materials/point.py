@@ -97,6 +97,9 @@ class PointMaterial(Material):
     ) -> Response:
         """Stress and moduli at the end of a step.
 
+        A stress or moduli that are not finite make the attempt of a step fail; a history or
+        energies that are not finite beside a finite stress are an error.
+
         Args:
             deformation: Deformation gradient F, at small strain the symmetric strain (n, 3, 3).
             state: History at the start of the step (n, m).

@@ -329,6 +329,14 @@ class Step:
             return "BODIES_OVERLAP"
         return ""
 
+    def cause(self, reason: str) -> str:
+        """Why an attempt failed: PETSc's reason, or MATERIAL_NOT_FINITE with the material;
+        collective."""
+        bodies = self.discretization.bodies.points
+        told = self._comm.allgather(bodies.lost) if bodies else []
+        lost = next(filter(None, told), "")
+        return f"MATERIAL_NOT_FINITE {lost}" if lost else reason
+
     def stabilization_suffices(self) -> bool:
         """Whether tau_s of the step satisfies coercivity at its end; collective."""
         return not global_any(self._comm, not self.discretization.stabilization_suffices())

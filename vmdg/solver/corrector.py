@@ -94,6 +94,7 @@ class Corrector:
         self._snes.snes.setLineSearchPreCheck(newton.draw_back)
         newton.show(self._snes.x)
         converged, reason = self._snes.solve(newton, searches=limits.by_load_alone)
+        reason = reason if converged else problem.step.cause(reason)
         found = newton.attempt()
         # The forces of a failed attempt do not count for the run.
         if converged:

@@ -52,6 +52,11 @@ REASONS = {
         "vmdg.DruckerPrager at its apex that does not harden",
         f"{_BROKEN}; hardening= of a cone that comes to its apex",
     ),
+    "MATERIAL_NOT_FINITE": Reason(
+        "a material has no finite stress or moduli in a trial state: a mistake in it, or strains "
+        "that are far too large",
+        f"{_BROKEN}; a material that answers for any det F > 0",
+    ),
     "CELLS_INVERTED": Reason(
         "forces balance, but with inverted cells (det F <= 0)",
         f"{_SMALLER}; larger or better shaped cells where strains are largest (notches, crack "
