@@ -2,6 +2,7 @@
 
 import fcntl
 import gc
+import os
 import subprocess
 import sys
 import time
@@ -15,6 +16,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_square
 
+from vmdg.base import kernels
 from vmdg.base.kernels import JIT_OPTIONS, compile_form
 from vmdg.base.parallel import global_sum
 
@@ -99,6 +101,50 @@ def test_damaged_kernel(comm, options, damage):
     assert library.stat().st_size == len(whole)
 
 
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="files of one rank")
+@pytest.mark.parametrize("what", ["kernel", "folder", "cache"])
+def test_kernels_of_others(comm, options, what):
+    """They are not loaded, whoever they belong to but this user and root."""
+    if os.getuid() != 0:
+        pytest.skip("only root gives files away")
+    area(comm, options)
+    cache = options["cache_dir"]
+    (library,) = cache.glob("*/*.so")
+    place = {"kernel": library, "folder": library.parent, "cache": cache}[what]
+    os.chown(place, 65534, 65534)
+    kernels._checked.clear()
+    with pytest.raises(RuntimeError, match=r"belongs to user 65534.* XDG_CACHE_HOME"):
+        area(comm, options)
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="files of one rank")
+def test_folders_are_closed_to_others(comm, options):
+    """What others could write is compiled anew, in folders that they can write to no more."""
+    area(comm, options)
+    cache = options["cache_dir"]
+    (library,) = cache.glob("*/*.so")
+    before = library.stat().st_ino
+    for path in (cache, library.parent, library):
+        assert path is library or path.stat().st_mode & 0o777 == 0o700
+        path.chmod(0o777)
+    library.write_bytes(library.read_bytes())
+    kernels._checked.clear()
+    assert area(comm, options) == pytest.approx(1.0)
+    (library,) = cache.glob("*/*.so")
+    assert library.stat().st_ino != before or library.stat().st_mode & 0o022 == 0
+    assert cache.stat().st_mode & 0o777 == library.parent.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="processes of one rank")
+def test_many_processes_and_an_empty_cache(comm, options):
+    """One of them compiles; the others load."""
+    script = COMPILE.replace('"timeout": 2', '"timeout": 100')
+    command = [sys.executable, "-c", script, str(options["cache_dir"])]
+    others = [subprocess.Popen(command, stderr=subprocess.PIPE) for _ in range(6)]
+    assert [process.communicate()[1] for process in others if process.wait(timeout=60)] == []
+    assert len(list(options["cache_dir"].glob("*/*.so"))) == 1
+
+
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="processes of one rank")
 def test_claim_of_a_process_that_dies_while_others_wait(comm, options):
     """All of them have the kernel within seconds, though each waits for the others."""
@@ -124,6 +170,7 @@ import ufl
 from mpi4py import MPI
 from dolfinx import fem
 from dolfinx.mesh import create_unit_square
+from vmdg.base import kernels
 from vmdg.base.kernels import JIT_OPTIONS, compile_form
 mesh = create_unit_square(MPI.COMM_SELF, 2, 2)
 form = fem.Constant(mesh, 1.0) * ufl.dx(mesh)

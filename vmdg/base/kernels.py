@@ -8,11 +8,11 @@ import hashlib
 import importlib.machinery
 import importlib.util
 import json
+import os
 import random
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from struct import unpack_from
@@ -37,12 +37,10 @@ from ufl.corealg.multifunction import MultiFunction
 from ufl.variable import Label
 
 from .. import compat
+from .parallel import raise_together
 from .timers import timer
 
 T = TypeVar("T")
-
-#: FFCx's message for a kernel that another process has claimed.
-_CLAIMED = "JIT compilation timed out"
 
 #: C function of points.c.
 _EVALUATE = "void evaluate(long" + 5 * ", void *" + ");"
@@ -299,13 +297,12 @@ def _compiled(
     """Compile into a folder of the cache, or load from it; collective.
 
     FFCx claims a kernel by its C file and marks it when it is ready. A process killed in between
-    leaves its claim behind, and later processes would wait for the mark until they time out. So
-    each process that compiles holds a shared lock, which ends with the process. A process that gets
-    the lock exclusively knows that no other is compiling and that claims without a mark are stale.
-    A process that finds a claim releases the lock before it looks again. Processes that compile
+    leaves its claim behind, and later processes would wait for the mark until they time out. So one
+    process at a time uses a folder: the first rank of ``comm`` holds a lock, which ends with the
+    process. It knows that claims without a mark are stale, and that nobody else is writing. The
+    ranks that it waits for wait for no lock: they have come here too. Processes that compile
     without the lock do not interfere: the kernels of vmdg have a subfolder of their own in
-    DOLFINx's cache, unless ``options`` name a folder. Only the first rank of ``comm`` claims
-    kernels.
+    DOLFINx's cache, unless ``options`` name a folder.
 
     Args:
         comm: The ranks.
@@ -314,113 +311,121 @@ def _compiled(
         compile_in: Compiles or loads, with options that name the folder.
 
     Raises:
-        RuntimeError: another process takes too long to compile a kernel, or it cannot be compiled.
+        RuntimeError: another process takes too long to compile a kernel, it cannot be compiled, or
+            others can write to the cache.
     """
     folder = cache_folder(options) / folder_name
-    end = time.monotonic() + options.get("timeout", JIT_OPTIONS["timeout"])
-    ordered = {**options, "cache_dir": folder}
-    if comm.rank == 0:
-        ordered["timeout"] = 1
+    patience = options.get("timeout", JIT_OPTIONS["timeout"])
+    lock, message = None, None
+    comm.barrier()
+    try:
+        if comm.rank == 0:
+            try:
+                lock = _locked(folder, patience)
+                _check_kernels(folder, lock is not None)
+            except OSError as error:
+                message = str(error)
+        raise_together(comm, message, OSError)
+        return compile_in({**options, "cache_dir": folder})
+    except (OSError, ImportError, RuntimeError, cffi.VerificationError) as error:
+        raise RuntimeError(
+            f"a kernel cannot be compiled or loaded: {error}. Kernels are kept in {folder}, which "
+            "may be full or not writable, or another process is compiling there: free some space, "
+            "remove the folder (its kernels are then compiled again), or set the variable "
+            "XDG_CACHE_HOME to another one"
+        ) from error
+    finally:
+        if lock is not None:
+            lock.close()
+
+
+def _locked(folder: Path, patience: float) -> TextIO | None:
+    """The lock of a folder, which is made if missing; None in a read-only folder, or without locks
+    of the file system.
+
+    Raises:
+        TimeoutError: another process holds it.
+    """
+    try:
+        for path in (folder.parent, folder):
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        lock = (folder / "vmdg.lock").open("a")
+    except OSError:  # the compiler reports it
+        return None
+    end = time.monotonic() + patience
     while True:
         try:
-            with _in_order(comm, folder):
-                return compile_in(ordered)
-        except (OSError, ImportError, RuntimeError, cffi.VerificationError) as error:
-            if not comm.bcast(_CLAIMED in str(error) and time.monotonic() < end):
-                raise RuntimeError(
-                    f"a kernel cannot be compiled or loaded: {error}. Kernels are kept in "
-                    f"{folder}, which may be full or not writable, or another process is compiling "
-                    "there: free some space, remove the folder (its kernels are then compiled "
-                    "again), or set the variable XDG_CACHE_HOME to another one"
-                ) from error
-        if comm.rank == 0:
-            _wait_for_claim(folder)
-
-
-@contextmanager
-def _in_order(comm: MPI.Comm, folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder, cleared of damaged kernels and of claims of dead processes."""
-    if comm.rank > 0:
-        yield
-        return
-    with suppress(OSError):  # without a writable folder the compiler reports the error
-        folder.mkdir(parents=True, exist_ok=True)
-    with _lock(folder) as lock:
-        _free(folder, lock)
-        with suppress(OSError):
-            _remove_damaged(folder)
-        if lock is not None:
-            with suppress(OSError):
-                fcntl.flock(lock, fcntl.LOCK_SH)
-        yield
-
-
-@contextmanager
-def _lock(folder: Path) -> Iterator[TextIO | None]:
-    """The locked file; None in a read-only folder."""
-    try:
-        lock = (folder / "vmdg.lock").open("a")
-    except OSError:
-        yield None
-        return
-    with lock:
-        yield lock
-
-
-def _free(folder: Path, lock: TextIO | None) -> bool:
-    """Remove claims if no process is compiling; return whether that is so."""
-    if lock is not None:
-        with suppress(OSError):  # locked by others, or a file system without locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            _remove_claims(folder)
-            return True
-    return False
+            return lock
+        except BlockingIOError:
+            if time.monotonic() > end:
+                lock.close()
+                raise TimeoutError(f"another process has compiled for {patience:g} s") from None
+            time.sleep(random.uniform(0.001, 0.01))
+        except OSError:
+            lock.close()
+            return None
 
 
-def _wait_for_claim(folder: Path) -> None:
-    """Wait a limited time until no process is compiling; others that wait hold the lock briefly."""
-    for _ in range(random.randint(5, 25)):
-        with _lock(folder) as lock:
-            if _free(folder, lock):
-                return
-        time.sleep(0.1)
+#: Modification times of the folders when last checked [ns].
+_checked: dict[Path, int] = {}
 
 
-#: Modification times of the folders when last searched for claims, and for damage [ns].
-_searched: dict[Path, int] = {}
-_inspected: dict[Path, int] = {}
+def _check_kernels(folder: Path, locked: bool) -> None:
+    """Check who can write kernels, whose code will run, and remove what is not whole; if files were
+    added since the last check.
 
+    Kernels of this user and of root are loaded, in folders that nobody else can write to. Loading a
+    truncated library would kill the process.
 
-def _unchanged(folder: Path, seen: dict[Path, int]) -> bool:
-    """Whether a folder is unchanged since the last call."""
-    changed = folder.stat().st_mtime_ns
-    same = seen.get(folder) == changed
-    seen[folder] = changed
-    return same
+    Args:
+        folder: The folder.
+        locked: Whether it is locked, so that nobody is writing there.
 
-
-def _remove_claims(folder: Path) -> None:
-    """Remove C files whose kernel was never completed, if files were added since the last check."""
-    if _unchanged(folder, _searched):
-        return
-    for source in folder.glob("*.c"):
-        if not source.with_suffix(".c.cached").exists():
-            source.unlink(missing_ok=True)
-
-
-def _remove_damaged(folder: Path) -> None:
-    """Remove truncated kernels, if files were added since the last check.
-
-    Loading a truncated library would kill the process.
+    Raises:
+        PermissionError: another user made the folder or a kernel, or can write there.
     """
-    if _unchanged(folder, _inspected):
+    if not folder.is_dir() or _checked.get(folder) == folder.stat().st_mtime_ns:
         return
+    opened = any([_open_to_others(path) for path in (folder.parent, folder)])
+    names = set()
     for library in folder.glob("*.so"):
-        source = folder / f"{library.name.partition('.')[0]}.c"
-        ready = source.with_suffix(".c.cached")
-        if not _is_whole(library) and ready.exists() == source.exists():
-            for file in (ready, library, source.with_suffix(".o"), source):
-                file.unlink(missing_ok=True)
+        name = library.name.partition(".")[0]
+        if (_open_to_others(library) and opened) or (locked and not _is_whole(library)):
+            _remove(folder, name, library)
+        else:
+            names.add(name)
+    if locked:
+        for source in folder.glob("*.c"):
+            if source.stem not in names or not source.with_suffix(".c.cached").exists():
+                _remove(folder, source.stem)
+    _checked[folder] = folder.stat().st_mtime_ns
+
+
+def _remove(folder: Path, name: str, *others: Path) -> None:
+    """Remove a kernel, its mark first."""
+    for file in (*(folder / f"{name}.{end}" for end in ("c.cached", "o", "c")), *others):
+        file.unlink(missing_ok=True)
+
+
+def _open_to_others(path: Path) -> bool:
+    """Whether others can write to a folder or a file of this user; a folder is closed to them.
+
+    Raises:
+        PermissionError: it belongs to another user but root, or root's is open to others.
+    """
+    status, me = path.stat(), os.getuid()
+    wide = bool(status.st_mode & 0o022)
+    if status.st_uid not in (me, 0) or (wide and status.st_uid != me):
+        raise PermissionError(
+            f"{path} belongs to user {status.st_uid} and has mode {status.st_mode & 0o777:o}: its "
+            f"code would run as user {me}. Kernels must belong to this user or to root, and nobody "
+            "else may write to them: set the variable XDG_CACHE_HOME to a folder of your own (see "
+            "vmdg/CLUSTER.md), or remove them"
+        )
+    if wide and path.is_dir():
+        path.chmod(0o700)
+    return wide
 
 
 def _is_whole(library: Path) -> bool:
