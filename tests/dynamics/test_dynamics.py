@@ -239,13 +239,13 @@ def test_static_state_stays(comm, scheme):
     the body with it: its work is the energy of both."""
     problem, facets = bar(comm, 4, vmdg.Debonding(strength=1.0, critical_gap=1.0))
     problem.dirichlet(facets.find(LEFT), 0.0)
-    problem.dirichlet(facets.find(RIGHT), lambda t: 0.02 * min(t, 1.0) + 0.1 * max(t - 2, 0), "x")
+    problem.dirichlet(facets.find(RIGHT), lambda t: 0.02 * min(t, 1.0) + 0.1 * max(t - 2.5, 0), "x")
     vmdg.solve(problem, [1.0])
     still = problem.u.x.array.copy()
     vmdg.solve_dynamics(problem, [1.5, 2.0], scheme)
     assert problem.u.x.array == pytest.approx(still, abs=1e-9)
     assert np.abs(problem.velocity.x.array).max() < 1e-9
-    times = 2 + np.linspace(0.0, 0.8, 81)[1:]
+    times = np.linspace(2.0, 3.3, 131)[1:]
     history = vmdg.solve_dynamics(problem, times, scheme, options=QUIET).history
     assert history["kinetic"].max() > 1e-3
     assert np.abs(history["imbalance"]).max() < 0.02 * history["external"].max()

@@ -19,8 +19,8 @@ from ..problem.problem import Problem
 Array = NDArray[np.float64]
 Marks = NDArray[np.bool_]
 
-#: Most corrections of a step.
-CORRECTIONS = 25
+#: Most corrections of a step, and number of those after which two of three are halved.
+CORRECTIONS, DAMPED = 25, 6
 
 #: Unbalanced forces on the nodes relative to all forces, and the relative tolerance of corrections.
 BALANCED, CORRECTED = 1e-10, 1e-4
@@ -110,14 +110,16 @@ class ContactNodes:
             return True
         parts, loads, u = self._parts, self._problem.loading.vector, self._problem.u.x
         free = np.delete(self.dofs, self._held)
-        for _ in range(CORRECTIONS):
+        for number in range(CORRECTIONS):
             R = parts.assemble_residual(dt, loads=loads, bulk=self._split.near)
             norm = global_norm(self._comm, R[free])
             self._largest = max(self._largest, norm)
             floor = float(np.finfo(float).eps) * self._size * self._norm
             if not norm > max(BALANCED * self._largest, floor):
                 break
-            u.array[self.dofs] -= self._correction(R[self.dofs])
+            # Points that alternate between sticking and slipping settle on the way between.
+            share = 0.5 if number >= DAMPED and number % 3 else 1.0
+            u.array[self.dofs] -= share * self._correction(R[self.dofs])
             u.scatter_forward()
         far = fem.Function(parts.space).x
         fem.assemble_vector(far.array, self._split.far)

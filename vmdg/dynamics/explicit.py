@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
 
 from petsc4py import PETSc
@@ -10,12 +11,15 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_any, global_max, raise_together
+from ..base.parallel import global_any, global_max, global_sum, raise_together
 from ..domain.topology import box_sides
 from ..linear.ksp import destroy, set_options
-from ..problem.motion import moving
+from ..problem.ledger import WorkInMotion
+from ..problem.motion import Plan, moving
 from ..problem.problem import Problem
 from ..solver.attempt import Attempt
+from ..solver.options import SolveOptions
+from .balance import GAINED, Balance
 from .contact_nodes import ContactNodes
 from .schemes import CentralDifferences
 from .supports import SupportMotion
@@ -33,7 +37,9 @@ class ExplicitSteps:
     Args:
         problem: The problem.
         scheme: The parameters.
+        options: Options of the solver.
         supports: Motion of supports.
+        continues: Whether to continue between two renewals of an earlier run.
 
     Raises:
         ValueError: lumped masses are not positive, or a mean is not prescribed.
@@ -41,7 +47,14 @@ class ExplicitSteps:
 
     krylov = 0
 
-    def __init__(self, problem: Problem, scheme: CentralDifferences, supports: SupportMotion):
+    def __init__(
+        self,
+        problem: Problem,
+        scheme: CentralDifferences,
+        options: SolveOptions,
+        supports: SupportMotion,
+        continues: bool,
+    ):
         self._problem, self._scheme, self._supports = problem, scheme, supports
         self._motion, self._comm = moving(problem.step.motion), problem.comm
         self._owned = problem.discretization.owned
@@ -69,7 +82,12 @@ class ExplicitSteps:
         self._inverse = np.divide(1.0, masses, out=np.zeros_like(masses), where=masses > 0)
         self._viscous = ViscousNodes(problem, masses)
         self._drag: Array | None = None  # at the start of a step
-        self._count, self._critical = 0, math.inf
+        start = (continues and self._motion.plan) or Plan(0, math.inf, 0.0, 0)
+        self._count, self._critical, self._longest, self._cuts = start
+        self._most_cuts, self._h = options.max_cuts, 0.0
+        # Energies, and a.M.a, of the last state that was looked at.
+        self._balance: Balance | None = None
+        self._accelerations = 0.0
         parts = problem.discretization
         # The tangent of bonded interfaces at small strain.
         self._constant = parts.bodies.small and parts.constant_stabilization
@@ -82,27 +100,75 @@ class ExplicitSteps:
         self._motion.acceleration = self._acceleration(v, 0.0, rate, 0.0)
 
     def advance(self, t: float) -> Iterator[Attempt]:
-        """Steps to a time, as one attempt; collective."""
-        problem, scheme = self._problem, self._scheme
+        """Steps to a time; an attempt that fails returns to the last state that was looked at, and
+        the next one has steps half as long, with their critical step anew; collective."""
+        problem, most = self._problem, self._most_cuts
+        good = problem.step.snapshot()
+        if self._balance is None:
+            self._balance, self._accelerations = Balance(problem), self._squares()
         while problem.t < t:
-            done = self._count % scheme.renewal
-            if done == 0 and not (self._constant and self._critical < math.inf):
-                problem.step.renew()
-                self._critical = self._viscous.stable(self.critical_step())
-            start, span = problem.t, t - problem.t
-            steps = max(math.ceil(span / (scheme.safety * self._critical)), 1)
-            some = min(steps, scheme.renewal - done)
-            times = start + np.arange(some + 2) / steps * span
-            if some == steps:
-                times[some] = t
-            for before, here, after in zip(times, times[1:], times[2:], strict=False):
-                if not self._step(float(before), float(here), float(after)):
-                    yield Attempt(False, reason="DIVERGED_MAX_IT")
+            if reason := self._some_steps(t) or self._wrong():
+                problem.step.return_to(good)
+                self._drag, self._cuts, self._critical = None, self._cuts + 1, math.inf
+                yield Attempt(False, reason=reason)
+                if self._cuts > most:
                     return
-            if not self._finite():
-                yield Attempt(False, reason=self._problem.step.cause("DIVERGED_FNORM_NAN"))
-                return
+                continue
+            if self._cuts:
+                self._cuts, self._critical = self._cuts - 1, math.inf
+            if problem.t < t:
+                good = problem.step.snapshot()
         yield Attempt(True, [0.0])
+
+    def _some_steps(self, t: float) -> str:
+        """Steps towards a time until the next renewal, and why one has failed; collective."""
+        problem, scheme = self._problem, self._scheme
+        done = self._count % scheme.renewal
+        if self._critical == math.inf or (done == 0 and not self._constant):
+            try:
+                problem.step.renew()
+            except ValueError as error:
+                return str(error)
+            self._critical = self._viscous.stable(self.critical_step())
+            self._count = done = 0
+            self._longest = max(self._longest, self._critical)
+        least = self._longest / 2**self._most_cuts
+        if not self._critical >= least:
+            return "STEP_VANISHES"
+        start, span = problem.t, t - problem.t
+        longest = scheme.safety * self._critical / 2**self._cuts
+        steps = max(math.ceil(span / longest), 1)
+        some = min(steps, scheme.renewal - done)
+        times = start + np.arange(some + 2) / steps * span
+        if some == steps:
+            times[some] = t
+        for before, here, after in zip(times, times[1:], times[2:], strict=False):
+            if not self._step(float(before), float(here), float(after)):
+                return "DIVERGED_MAX_IT"
+        return ""
+
+    def _wrong(self) -> str:
+        """Why the current state cannot be, empty if it can; collective.
+
+        In steps of central differences E = kinetic + stored of linear bodies is not constant, but
+        E - h^2 a.M.a/8 is.
+        """
+        problem = self._problem
+        if global_any(self._comm, not np.isfinite(problem.u.x.array).all()):
+            return problem.step.cause("DIVERGED_FNORM_NAN")
+        if reason := problem.step.invalid():
+            return reason
+        before, self._accelerations = self._accelerations, self._squares()
+        if self._balance.holds(self._h**2 / 8 * (self._accelerations - before)):
+            return ""
+        self._accelerations = before
+        return GAINED
+
+    def _squares(self) -> float:
+        """a.M.a of what moves freely; collective [N mm/s2]."""
+        a = self._motion.acceleration.copy()
+        a[self._problem.loading.owned_prescribed] = 0.0
+        return float(global_sum(self._comm, a @ (self._contact.masses * a)))
 
     def critical_step(self) -> float:
         """2/omega of the bonded interfaces, by Lanczos's method; collective [s].
@@ -140,7 +206,9 @@ class ExplicitSteps:
         destroy(ksp)
         for item in (matrix, x, b):
             item.destroy()
-        return 2 / math.sqrt(largest) if largest > 0 else math.inf
+        if not np.isfinite(largest):
+            return 0.0
+        return 2 / math.sqrt(largest) if largest > 0 else sys.float_info.max
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """M^-1.x, called by PETSc."""
@@ -155,6 +223,7 @@ class ExplicitSteps:
         a0 = motion.acceleration
         if self._drag is None:
             self._drag = self._viscous.drag(motion.velocity.x.array[: self._owned])
+        speed = motion.velocity.x.array[held]
         v = motion.velocity.x.array[: self._owned] + h / 2 * a0
         u.array[: self._owned] += h * v
         u.scatter_forward()
@@ -169,11 +238,18 @@ class ExplicitSteps:
         v[held] = moves[0]
         mass = self._contact.masses[held]
         first, self._drag = self._drag, self._viscous.drag(v) + rate
-        ends = mass * a0[held] + first[held], mass * a1[held] + self._drag[held]
+        viscous = first[held], self._drag[held]
         damped = (first + self._drag) / 2 @ (u.array - step.start.u)[: self._owned]
-        step.commit(ends, float(damped))
-        motion.move(v, a1)
-        self._count += 1
+        # Of lumped masses supports change the kinetic energy.
+        done = mass @ (v[held] ** 2 - speed**2) / 2
+        step.commit(WorkInMotion(viscous, float(done), float(damped)))
+        carried = np.zeros(self._owned)
+        if self._motion.damping.dashpots:
+            carried -= self._viscous.of_dashpots(v)
+        carried[held] += mass * a1[held] + viscous[1]
+        self._count, self._h = self._count + 1, h
+        plan = Plan(self._count, self._critical, self._longest, self._cuts)
+        motion.move(v, a1, carried, plan)
         return True
 
     def _acceleration(self, v: Array, h: float, rate: Array, of_supports: Array | float) -> Array:
@@ -182,11 +258,6 @@ class ExplicitSteps:
         a = self._viscous.solve(forces, self._inverse, v, h)
         a[self._problem.loading.owned_prescribed] = of_supports
         return a
-
-    def _finite(self) -> bool:
-        """Whether the displacement is finite; collective."""
-        bad = not np.isfinite(self._problem.u.x.array).all()
-        return not global_any(self._comm, bad)
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""

@@ -23,14 +23,16 @@ from ..linear.ksp import (
     set_options,
 )
 from ..linear.system import AssembledSystem
+from ..problem.ledger import WorkInMotion
 from ..problem.motion import moving
 from ..problem.problem import Problem
 from ..solver.attempt import Attempt
 from ..solver.limits import ROUNDING
 from ..solver.options import SolveOptions
 from ..solver.snes import Snes, rounding_of_forces, verdict
-from .schemes import GeneralizedAlpha
-from .supports import SupportMotion
+from .balance import GAINED, Balance
+from .schemes import AtEnd, GeneralizedAlpha, Newmark
+from .supports import SupportMotion, support_work
 
 Array = NDArray[np.float64]
 
@@ -85,6 +87,7 @@ class ImplicitSteps:
         # With a tolerance: the next step, and the largest change of the displacement.
         self._longest, self._moved = math.inf, 0.0
         self._first = problem.u.x.array[: self._owned].copy()
+        self._balance: Balance | None = None
 
     @property
     def krylov(self) -> int:
@@ -124,6 +127,8 @@ class ImplicitSteps:
         """Attempts of steps to a time, halved where one fails, until that fails; collective."""
         problem, options, cuts = self._problem, self._options, 0
         span = t - problem.t
+        if self._balance is None:
+            self._balance = Balance(problem)
         while problem.t < t and cuts <= options.max_cuts:
             left = t - problem.t
             # Equal steps rather than a short last one.
@@ -135,11 +140,18 @@ class ImplicitSteps:
             cuts = max(cuts - 1, 0) if found.converged else cuts + 1
 
     def _step(self, t: float) -> Attempt:
+        """A step of the scheme, or where that makes energy one with the forces of its end;
+        collective."""
+        found = self._attempt(t, self._scheme)
+        return self._attempt(t, AtEnd()) if found.reason == GAINED else found
+
+    def _attempt(self, t: float, scheme: Newmark) -> Attempt:
         """An attempt, committed if it converges and cancelled if not; collective."""
-        problem, scheme, motion = self._problem, self._scheme, self._motion
+        problem, motion = self._problem, self._motion
         step, owned, held = problem.step, self._owned, problem.loading.owned_prescribed
         h, beta, gamma = t - problem.t, scheme.beta, scheme.gamma
         v0, a0 = motion.velocity.x.array[:owned].copy(), motion.acceleration
+        problem.loading.check_finite(t)
         try:
             step.begin(t, h)
         except ValueError as error:
@@ -148,7 +160,8 @@ class ImplicitSteps:
         self._dt, self._norms = h, []
         # a_1 = (u_1 - away)/(beta h^2), and the equation is divided by 1 - alpha_f.
         self._away = u0 + h * v0 + h**2 * (0.5 - beta) * a0
-        self._per_length, share = 1 / (beta * h**2), 1 - scheme.alpha_f
+        self._per_length, self._per_speed = 1 / (beta * h**2), gamma * h
+        self._share = share = 1 - scheme.alpha_f
         self._inertia = (1 - scheme.alpha_m) / share
         drag0 = self._drag(v0)
         forces0 = scheme.alpha_f * (R0 + drag0)
@@ -156,7 +169,7 @@ class ImplicitSteps:
         self._free_speed = v0 + h * (1 - gamma) * a0
         self._system.inertia = [(self._mass, self._inertia * self._per_length)]
         if self._damping is not None:
-            self._system.inertia.append((self._damping, gamma * h * self._per_length))
+            self._system.inertia.append((self._damping, self._per_speed * self._per_length))
         if self._rate is not None:
             self._system.inertia.append((self._rate, 1 / share))
         self._moves = self._supports.at(t - h, t, t + h)
@@ -170,15 +183,29 @@ class ImplicitSteps:
             step.cancel()
             return found
         a1 = self._acceleration()
-        if scheme.tolerance is not None and not self._accurate(h, a1 - a0, scheme.tolerance):
+        tolerance = self._scheme.tolerance
+        if tolerance is not None and not self._accurate(h, a1 - a0, tolerance):
             step.cancel()
             return replace(found, converged=False, reason=_INACCURATE)
         v1 = self._velocity(a1)
         drag1, rate = self._drag(v1), motion.damping.resist(step.start.u, h)
-        ends = (motion.of(a0) + drag0 + rate)[held], (motion.of(a1) + drag1 + rate)[held]
-        damped = ((drag0 + drag1) / 2 + rate) @ (problem.u.x.array - step.start.u)[:owned]
-        step.commit(ends, float(damped))
-        motion.move(v1, a1)
+        weight, change = scheme.work_at_end, (problem.u.x.array - step.start.u)[:owned]
+        damped = ((1 - weight) * drag0 + weight * drag1 + rate) @ change
+        inertia = motion.of(a1)
+        mean = (1 - weight) * motion.of(a0) + weight * inertia
+        jump = v1 - v0 - h * ((1 - weight) * a0 + weight * a1)
+        works = support_work(held, mean, h * (v0 + v1) / 2, jump, motion.of((v0 + v1) / 2))
+        viscous = (drag0 + rate)[held], (drag1 + rate)[held]
+        step.commit(WorkInMotion(viscous, works, float(damped), weight))
+        carried = np.zeros(owned)
+        if motion.damping.dashpots:
+            carried -= drag1 - motion.damping.rayleigh.alpha * motion.of(v1)
+        carried[held] += inertia[held] + viscous[1]
+        motion.move(v1, a1, carried)
+        # Unbalanced forces may do work.
+        if not self._balance.holds(work=self._goal * global_norm(self._comm, change)):
+            step.cancel()
+            return found.failed(GAINED)
         return found
 
     def _accurate(self, h: float, change: Array, tolerance: float) -> bool:
@@ -208,7 +235,7 @@ class ImplicitSteps:
 
     def _velocity(self, a1: Array) -> Array:
         """v_1 by Newmark's relation; of supports as given."""
-        v1 = self._free_speed + self._dt * self._scheme.gamma * a1
+        v1 = self._free_speed + self._per_speed * a1
         v1[self._problem.loading.owned_prescribed] = self._moves[0]
         return v1
 
@@ -237,7 +264,7 @@ class ImplicitSteps:
             start = self._problem.step.start.u
             # In the middle of the step, so that it is no part of the mean of its ends.
             rate = self._motion.damping.resist(start, self._dt)
-            f.array[:] += rate / (1 - self._scheme.alpha_f)
+            f.array[:] += rate / self._share
         self._loads = global_norm(self._comm, R)
         problem.loading.balance(f.array)
 

@@ -9,22 +9,19 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.agreement import Interrupt, same_call, together
+from ..base.agreement import same_call, together
 from ..base.parallel import raise_together
-from ..base.timers import timer, timings, timings_since
-from ..checkpoint.checkpoint import warn_of_replacement, write_checkpoint
-from ..output.history import History, HistoryFile
+from ..output.history import History
 from ..problem.loading import let_go
 from ..problem.motion import moving
 from ..problem.problem import Problem
 from ..problem.step import enter_given_state
 from ..solver.attempt import Attempt
-from ..solver.monitors import Monitor, check_functions, energy_columns, sliding_column, watched_row
+from ..solver.monitors import Monitor, watched_row
 from ..solver.options import SolveOptions
-from ..solver.progress import Progress
 from ..solver.reasons import explained
-from ..solver.result import Counts, Result, StepFailure
-from ..solver.stepping import claimed
+from ..solver.result import Result, StepFailure
+from ..solver.run import agreed, common_columns, run_of
 from .explicit import ExplicitSteps
 from .implicit import ImplicitSteps
 from .schemes import CentralDifferences, GeneralizedAlpha
@@ -89,58 +86,46 @@ def solve_dynamics(
             of the wrong size.
         TypeError: an argument of the wrong type.
     """
-    options, scheme = options or SolveOptions(), scheme or GeneralizedAlpha()
-    times = _checked(problem, times, scheme, options, history)
-    check_functions(monitor=monitor)
+    scheme = GeneralizedAlpha() if scheme is None else scheme
+    options = agreed(problem, "solve_dynamics", options, history, {"monitor": monitor})
+    times = _checked(problem, times, scheme, velocity, options, history)
     result = Result(history=History() if history is None else history)
     if not len(times):
         return result
-    if options.checkpoint is not None and history is None:
-        warn_of_replacement(problem.comm, options.checkpoint)
-    before, motion = timings(), moving(problem.step.motion)
     problem.loading.clear_ray()
     let_go(problem.loading)
-    with (
-        timer("solve"),
-        Interrupt(problem.comm) as interrupt,
-        claimed(problem, options),
-        HistoryFile(problem.comm, options.csv, result.history) as file,
-        Progress(problem, len(times), options) as progress,
-    ):
+    with run_of(problem, options, result, len(times), history is not None) as run:
         supports = SupportMotion(problem.comm, problem.loading, problem.t, float(times[-1]))
-        steps = _steps(problem, scheme, options, supports)
+        steps = _steps(problem, scheme, options, supports, history is not None)
+        run.krylov = lambda: steps.krylov
         if history is None:
-            kinetic = motion.kinetic_energy()
-            _set_out(problem, velocity, supports.at(problem.t, problem.t, float(times[0]))[0])
-            problem.step.ledger.enter_start(motion.kinetic_energy() - kinetic)
-            steps.accelerate()
-            enter_given_state(problem.step)
-        written = len(result.history)
+            _set_out(problem, velocity, supports, float(times[0]), steps)
         for number, t in enumerate(times):
             start, found, cuts, count = problem.t, Attempt(), 0, 0
             problem.step.set_out()
+            run.check()
             for found in steps.advance(float(t)):
-                interrupt.check()
                 if not found.converged:
                     result.failures.append((problem.t, found.reason))
+                    run.progress.say(f"step in time from {problem.t:.8g} s failed: {found.reason}")
                 cuts, count = cuts + (not found.converged), count + found.converged
+                run.check()
             if problem.t < t:
-                raise StepFailure(_complaint(problem, float(t), found), result)
-            _add_row(problem, found, cuts, count, options, monitor, result)
-            file.update()
-            progress.advanced(number + 1, t - start, found, result.history)
-            unsaved, last = len(result.history) - written, number == len(times) - 1
-            if options.checkpoint and (unsaved >= options.checkpoint_every or last):
-                write_checkpoint(problem, options.checkpoint, result.history)
-                written = len(result.history)
+                failed = problem.t
+                run.back()
+                raise StepFailure(_complaint(failed, float(t), problem.t, found), result)
+            row, more = common_columns(
+                problem, "time [s]", found, len(result.history) + 1, cuts, options.energy
+            )
+            row |= {"steps [-]": count} | more
+            run.add(row | watched_row(problem, monitor), found)
+            run.progress.advanced(number + 1, t - start, found, result.history)
+            if run.save(at_end=number == len(times) - 1):
                 # A run that is resumed from here has no factors or tangents of earlier steps.
                 steps.free()
-                steps = _steps(problem, scheme, options, supports)
+                steps = _steps(problem, scheme, options, supports, False)
+        # Not after a failure, where a single rank must not wait for the others.
         steps.free()
-    result.timings = timings_since(before)
-    result.counts = Counts.from_timings(result.timings, steps.krylov)
-    if (options.progress or options.verbose) and problem.comm.rank == 0:
-        print(result.summary())
     return result
 
 
@@ -148,24 +133,22 @@ def _checked(
     problem: Problem,
     times: ArrayLike,
     scheme: Scheme,
+    velocity: Velocity,
     options: SolveOptions,
     history: History | None,
 ) -> Array:
-    """The times, after checks of all arguments; collective."""
-    if not isinstance(problem, Problem):
-        raise TypeError(f"solve_dynamics: problem = {problem!r} must be a vmdg.Problem")
+    """The times, after checks of the arguments; collective."""
     if not isinstance(scheme, Scheme):
         raise TypeError(
             f"solve_dynamics: scheme = {scheme!r} must be vmdg.GeneralizedAlpha() or "
             "vmdg.CentralDifferences()"
         )
-    if not isinstance(options, SolveOptions):
-        raise TypeError(f"solve_dynamics: options = {options!r} must be SolveOptions(...)")
     given = np.asarray(times)
-    same_call(problem.comm, "solve_dynamics", [f"times = {given.tolist()}"])
+    # A function has another address on every rank.
+    kind = "a function" if callable(velocity) else type(velocity).__name__
+    said = [f"times = {given.tolist()}", f"scheme = {scheme}", f"velocity = {kind}"]
+    same_call(problem.comm, "solve_dynamics", said)
     start, kinds = problem.t, "iuf"
-    if history is not None and not isinstance(history, History):
-        raise TypeError(f"solve_dynamics: history = {history!r} must be a History")
     if given.ndim != 1 or not given.size or given.dtype.kind not in kinds:
         raise ValueError(
             f"solve_dynamics: times = {times!r} must be a list of times, for example "
@@ -191,9 +174,17 @@ def _checked(
     return given.astype(float)
 
 
-def _set_out(problem: Problem, velocity: Velocity, of_supports: Array) -> None:
-    """Take an initial velocity, of supports as they move; collective."""
+def _set_out(
+    problem: Problem,
+    velocity: Velocity,
+    supports: SupportMotion,
+    first: float,
+    steps: ImplicitSteps | ExplicitSteps,
+) -> None:
+    """Take an initial velocity, of supports as they move up to the first time, and the acceleration
+    that belongs to it; collective."""
     motion, d = moving(problem.step.motion), problem.mesh.geometry.dim
+    kinetic = motion.kinetic_energy()
     v = motion.velocity.x.array
     if isinstance(velocity, fem.Function):
         if velocity.function_space != problem.space:
@@ -217,44 +208,28 @@ def _set_out(problem: Problem, velocity: Velocity, of_supports: Array) -> None:
             "function of positions x (3, n) with values (d, n)"
         )
     start = v[: problem.discretization.owned].copy()
-    start[problem.loading.owned_prescribed] = of_supports
+    start[problem.loading.owned_prescribed] = supports.at(problem.t, problem.t, first)[0]
     motion.move(start, motion.acceleration)
+    problem.step.ledger.enter_start(motion.kinetic_energy() - kinetic)
+    steps.accelerate()
+    enter_given_state(problem.step)
 
 
 def _steps(
-    problem: Problem, scheme: Scheme, options: SolveOptions, supports: SupportMotion
+    problem: Problem,
+    scheme: Scheme,
+    options: SolveOptions,
+    supports: SupportMotion,
+    continues: bool,
 ) -> ImplicitSteps | ExplicitSteps:
     if isinstance(scheme, CentralDifferences):
-        return ExplicitSteps(problem, scheme, supports)
+        return ExplicitSteps(problem, scheme, options, supports, continues)
     return ImplicitSteps(problem, scheme, options, supports)
 
 
-def _add_row(
-    problem: Problem,
-    found: Attempt,
-    cuts: int,
-    count: int,
-    options: SolveOptions,
-    monitor: Monitor | None,
-    result: Result,
-) -> None:
-    """Add the row of a time."""
-    row = {
-        "time [s]": problem.t,
-        "iterations [-]": found.iterations,
-        "residual [N]": found.norms[-1],
-        "cuts [-]": cuts,
-        "steps [-]": count,
-    }
-    row |= sliding_column(problem)
-    if options.energy:
-        row |= energy_columns(problem)
-    result.history.append(row | watched_row(problem, monitor))
-    result.residuals.append(found.norms)
-
-
-def _complaint(problem: Problem, t: float, found: Attempt) -> str:
+def _complaint(failed: float, t: float, row: float, found: Attempt) -> str:
+    why = explained([found.reason], in_time=True)
     return (
-        f"the step in time from {problem.t:.8g} to {t:.8g} s failed; the problem is in its state "
-        f"at {problem.t:.8g} s. In the last attempt {explained([found.reason])}."
+        f"the step in time from {failed:.8g} to {t:.8g} s failed; the problem is in the state of "
+        f"its last row, at {row:.8g} s. In the last attempt {why}."
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Real
+from typing import Protocol
 
 
 def _check(scheme: object, name: str, least: float, most: float) -> None:
@@ -12,6 +13,51 @@ def _check(scheme: object, name: str, least: float, most: float) -> None:
         raise ValueError(
             f"{type(scheme).__name__}: {name} = {value!r} must be a number in ({least:g}, {most:g}]"
         )
+
+
+class Newmark(Protocol):
+    """Newmark's relations with mean forces, see :class:`GeneralizedAlpha`.
+
+    Attributes:
+        alpha_m: Weight of the inertia at the start of a step.
+        alpha_f: Weight of the forces at the start of a step.
+        gamma: Newmark's parameter of the velocity.
+        beta: Newmark's parameter of the displacement.
+        work_at_end: Weight of the end of a step in the work of loads and supports.
+    """
+
+    @property
+    def alpha_m(self) -> float: ...
+    @property
+    def alpha_f(self) -> float: ...
+    @property
+    def gamma(self) -> float: ...
+    @property
+    def beta(self) -> float: ...
+    @property
+    def work_at_end(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class AtEnd:
+    """Newmark's relations with all forces of the end of a step, beta = 1/2 and gamma = 1, for steps
+    in which bodies meet, separate, stick or slip (Kane et al. 1999, Comput. Methods Appl. Mech.
+    Eng. 180, for the forces of contact).
+
+    With M.a_1 = -R_1, v_1 = v_0 + h a_1 and u_1 - u_0 = h (v_0 + v_1)/2 the kinetic energy changes
+    by
+
+        v_1.M.v_1/2 - v_0.M.v_0/2 = -R_1.(u_1 - u_0),
+
+    the work of the forces of the end, which for a convex energy U is at most U_0 - U_1: whatever
+    the step, an impact makes no energy. Of first order.
+    """
+
+    alpha_m: float = 0.0
+    alpha_f: float = 0.0
+    gamma: float = 1.0
+    beta: float = 0.5
+    work_at_end: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -28,7 +74,9 @@ class GeneralizedAlpha:
         M.((1 - alpha_m) a_1 + alpha_m a_0) + (1 - alpha_f) R_1 + alpha_f R_0 = 0,
 
     with the residuals R of (46) at the ends of the step, so that return maps are evaluated at its
-    end only, and Newmark's relations (1959) give displacement and velocity.
+    end only, and Newmark's relations (1959) give displacement and velocity. A step that would make
+    more than 1 % of the largest kinetic and stored energy, as where bodies meet in long steps, is
+    repeated with all forces of its end, which makes none; if that does, it is halved.
 
     Args:
         rho_inf: Spectral radius at infinite frequency: 1 keeps the energy of linear bodies, with
@@ -70,6 +118,11 @@ class GeneralizedAlpha:
     def beta(self) -> float:
         """Newmark's parameter of the displacement."""
         return (1 - self.alpha_m + self.alpha_f) ** 2 / 4
+
+    @property
+    def work_at_end(self) -> float:
+        """Weight of the end of a step in the work of loads and supports."""
+        return 0.5
 
 
 @dataclass(frozen=True)

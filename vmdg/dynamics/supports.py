@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.agreement import together
+from ..base.parallel import global_any
 from ..problem.loading import Loading
 
 Array = NDArray[np.float64]
@@ -23,7 +24,8 @@ class SupportMotion:
         comm: Communicator of the problem.
         loading: Loads and prescribed displacements.
         start: First time, before which the functions are not evaluated [s].
-        end: Last time [s].
+        end: Last time, beyond which they are evaluated by a step where they are defined, so that a
+            run that is continued is one run [s].
     """
 
     def __init__(self, comm: MPI.Comm, loading: Loading, start: float, end: float):
@@ -34,16 +36,25 @@ class SupportMotion:
     def at(self, before: float, t: float, after: float) -> tuple[Array, Array]:
         """Velocity [mm/s] and acceleration [mm/s2] of owned prescribed dofs at ``t``, by
         differences between a time before and one after it; collective."""
-        before, after = max(before, self._start), min(after, self._end)
-        here = self._values(t)
-        if before == after:
-            return np.zeros_like(here), np.zeros_like(here)
+        before, here, ahead = max(before, self._start), self._values(t), self._ahead(after)
         a, b = t - before, after - t
-        first = (here - self._values(before)) / a if a > 0 else np.zeros(0)
-        last = (self._values(after) - here) / b if b > 0 else np.zeros(0)
-        if a == 0 or b == 0:
-            return (last if a == 0 else first), np.zeros_like(here)
+        first = (here - self._values(before)) / a if a > 0 else None
+        last = None if ahead is None else (ahead - here) / b
+        if first is None or last is None:
+            known = last if first is None else first
+            return np.zeros_like(here) if known is None else known, np.zeros_like(here)
         return (b * first + a * last) / (a + b), 2 * (last - first) / (a + b)
+
+    def _ahead(self, t: float) -> Array | None:
+        """Displacement at a time that may be beyond the last one, where the function need not be
+        defined; then None; collective."""
+        if t <= self._end:
+            return self._values(t)
+        try:
+            values = self._values(t)
+        except Exception:  # a user's function may raise anything; on all ranks
+            return None
+        return None if global_any(self._comm, not np.isfinite(values).all()) else values
 
     def _values(self, t: float) -> Array:
         """Displacement of owned prescribed dofs [mm]."""
@@ -53,3 +64,27 @@ class SupportMotion:
             recent = list(self._known.items())[-2:]
             self._known = dict(recent) | {t: values[: len(self._loading.owned_prescribed)]}
         return self._known[t]
+
+
+def support_work(
+    held: NDArray[np.int32], inertia: Array, moved: Array, jump: Array, momentum: Array
+) -> float:
+    """Work of supports on the mass of their nodes in a step, this rank's [N mm].
+
+    Newmark's relations hold for free dofs f only; supports h move as given, and velocities by
+    differences jump at a kink. With means v_m of the velocities and a_m of the accelerations of a
+    step, and j = v_1 - v_0 - h a_m, the kinetic energy changes by
+
+        (v_1 - v_0).M.v_m = h v_m.(M.a_m) + j.(M.v_m),
+
+    of which h v_m.(M.a_m) on free dofs is the work of the other forces on them, and the rest is
+    that of supports.
+
+    Args:
+        held: Owned prescribed dofs.
+        inertia: M.a_m of owned dofs [N].
+        moved: h v_m of owned dofs [mm].
+        jump: j of owned dofs [mm/s].
+        momentum: M.v_m of owned dofs [N s].
+    """
+    return float(inertia[held] @ moved[held] + jump[held] @ momentum[held])

@@ -77,7 +77,10 @@ class ViscousNodes:
         """C.v of owned dofs, C without beta K [N]."""
         if not self._damping.exists:
             return np.zeros_like(v)
-        d, drag = self._d, self._damping.rayleigh.alpha * self._masses * v
-        dofs = d * self._nodes[:, None] + np.arange(d)
-        drag[dofs] += np.einsum("nij,nj->ni", self._blocks, v[dofs])
-        return drag
+        return self._damping.rayleigh.alpha * self._masses * v + self.of_dashpots(v)
+
+    def of_dashpots(self, v: Array) -> Array:
+        """Their part of :meth:`drag`."""
+        forces, dofs = np.zeros_like(v), self._d * self._nodes[:, None] + np.arange(self._d)
+        forces[dofs] = np.einsum("nij,nj->ni", self._blocks, v[dofs])
+        return forces

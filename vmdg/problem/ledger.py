@@ -25,8 +25,20 @@ from .work import chord_integral, next_increment
 SMALL = 1e-2
 
 
-#: Inertial and viscous forces on owned prescribed dofs at the start and at the end of a step [N].
-Inertia = tuple[NDArray[np.float64], NDArray[np.float64]]
+class WorkInMotion(NamedTuple):
+    """What motion adds to the works of a step in time.
+
+    Attributes:
+        viscous: Viscous forces on owned prescribed dofs at the start and at the end [N].
+        inertial: This rank's work of supports on the mass of their nodes [N mm].
+        damped: This rank's work of viscous forces [N mm].
+        share: Weight of the end of the step in the other works of loads and supports.
+    """
+
+    viscous: tuple[NDArray[np.float64], NDArray[np.float64]]
+    inertial: float
+    damped: float
+    share: float = 0.5
 
 
 class _Forces(NamedTuple):
@@ -112,19 +124,18 @@ class Ledger:
             residual = now.forces.x.array[: now.owned].copy()
             self._start.forces = _Forces(residual, self._loading.vector, self._gap_forces())
 
-    def commit(self, inertia: Inertia | None = None, damped: float = 0.0) -> None:
+    def commit(self, motion: WorkInMotion | None = None) -> None:
         """Record the step at its current state; collective.
 
         Args:
-            inertia: Inertial and viscous forces at its start and its end, on owned prescribed dofs;
-                None in statics [N].
-            damped: This rank's work of viscous forces [N mm].
+            motion: Works of a step in time; None in statics.
         """
-        if inertia is None:
+        if motion is None:
             work, charged, within = self._external_work()
             added = self._start.added + self._relaxed()
         else:
-            work, charged, within = self._work_in_motion(inertia), np.array([0, 0, damped]), 0.0
+            charged = np.array([0.0, 0.0, motion.damped])
+            work, within = self._work_in_motion(motion), 0.0
             added = self._start.added
         self._enter((work, added), self.dissipation() + charged)
         plastic = self.works.plastic
@@ -298,19 +309,20 @@ class Ledger:
             self._enter_curvature(curved, at_rest)
         return mean + work, more, work - straight
 
-    def _work_in_motion(self, inertia: Inertia) -> float:
-        """Work of loads and eigenstrains in a step in time, and of supports, which carry internal
-        forces and inertia, by the trapezoidal rule; this rank's [N mm]."""
+    def _work_in_motion(self, motion: WorkInMotion) -> float:
+        """Work of loads, eigenstrains and supports in a step in time, by the trapezoidal rule, or
+        of their values at its end (share=1); this rank's [N mm]."""
         now, begun, start = self.discretization, self._start, self._start.state
         prescribed, change = self._loading.owned_prescribed, now.u.x.array - start.u
         # The parts of the loads that this rank has assembled.
-        work = (begun.loads + self._loading.vector) @ change
+        share, before = motion.share, 1 - motion.share
+        work = motion.inertial + (before * begun.loads + share * self._loading.vector) @ change
         if len(prescribed):
-            forces = (start.forces + now.forces.x.array)[prescribed] + sum(inertia)
+            forces = before * (start.forces[prescribed] + motion.viscous[0])
+            forces += share * (now.forces.x.array[prescribed] + motion.viscous[1])
             work += forces @ change[prescribed]
-        rates = begun.rate + self._eigenstrain_rate(self._loading.t, start.t)
-        work += rates * (self._loading.t - start.t) * (self._comm.rank == 0)
-        return float(work) / 2
+        rate = before * begun.rate + share * self._eigenstrain_rate(self._loading.t, start.t)
+        return float(work + rate * (self._loading.t - start.t) * (self._comm.rank == 0))
 
     def _pending(
         self, slopes: Sequence[float], gap: NDArray[np.float64], entered: float, at_rest: bool

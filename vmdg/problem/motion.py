@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from numbers import Real
+from typing import NamedTuple
 
 from petsc4py import PETSc
 
@@ -49,6 +50,40 @@ def checked_density(density: Mapping[int, float], deformable: set[int]) -> dict[
     return {tag: float(rho) for tag, rho in density.items()}
 
 
+class Plan(NamedTuple):
+    """Where an explicit run is between two renewals, for one that continues it.
+
+    Attributes:
+        count: Number of steps since the last renewal.
+        critical: The critical step found there [s].
+        longest: The longest one so far [s].
+        cuts: Number of times that steps are halved.
+    """
+
+    count: int
+    critical: float
+    longest: float
+    cuts: int
+
+
+class MotionState(NamedTuple):
+    """Motion at the end of a step, see :class:`Motion`; its arrays are never modified.
+
+    Attributes:
+        velocity: Local dofs [mm/s].
+        acceleration: Owned dofs [mm/s2].
+        carried: Inertial and viscous forces of owned dofs [N].
+        lumped: As for :class:`Motion`.
+        plan: As for :class:`Motion`.
+    """
+
+    velocity: Array
+    acceleration: Array
+    carried: Array
+    lumped: Array | None
+    plan: Plan | None
+
+
 class Motion:
     """Mass and motion of the bodies.
 
@@ -66,9 +101,12 @@ class Motion:
         density: As given.
         velocity: Of the displacement, in a periodic cell of w [mm/s].
         acceleration: Owned dofs [mm/s2].
+        carried: Inertial and viscous forces of owned dofs at the end of the last step, which
+            supports carry beside the internal ones [N].
         damping: Viscous forces.
         lumped: Lumped masses of owned dofs, from which the kinetic energy follows [N s2/mm]; None
             for the consistent mass matrix.
+        plan: Of the last explicit step; None for none.
     """
 
     def __init__(
@@ -83,7 +121,9 @@ class Motion:
         self.damping.refuse()
         self.velocity = fem.Function(discretization.space, name="velocity")
         self.acceleration = np.zeros(discretization.owned)
+        self.carried = np.zeros(discretization.owned)
         self.lumped: Array | None = None
+        self.plan: Plan | None = None
 
     @cached_property
     def _form(self) -> fem.Form:
@@ -131,12 +171,31 @@ class Motion:
         momentum = self.of(v) if self.lumped is None else self.lumped * v
         return float(global_sum(self._discretization.mesh.comm, v @ momentum / 2))
 
+    @property
+    def moves(self) -> bool:
+        """Whether anything on this rank moves, or is accelerated."""
+        return bool(self.velocity.x.array.any() or self.acceleration.any() or self.carried.any())
+
+    @property
+    def state(self) -> MotionState:
+        """The current motion."""
+        velocity = self.velocity.x.array.copy()
+        return MotionState(velocity, self.acceleration, self.carried, self.lumped, self.plan)
+
+    def return_to(self, state: MotionState) -> None:
+        """Return to a motion."""
+        self.velocity.x.array[:], *others = state
+        self.acceleration, self.carried, self.lumped, self.plan = others
+
     def fields(self) -> dict[str, Array]:
-        """Velocity and acceleration over local dofs, by name; collective."""
-        acceleration = fem.Function(self._discretization.space).x
-        acceleration.array[: self._discretization.owned] = self.acceleration
-        acceleration.scatter_forward()
-        return {"velocity": self.velocity.x.array, "acceleration": acceleration.array}
+        """Velocity, acceleration and carried forces over local dofs, by name; collective."""
+        found = {"velocity": self.velocity.x.array}
+        for name, values in (("acceleration", self.acceleration), ("carried", self.carried)):
+            field = fem.Function(self._discretization.space).x
+            field.array[: self._discretization.owned] = values
+            field.scatter_forward()
+            found[name] = field.array
+        return found
 
     def take(self, fields: Mapping[str, Array]) -> None:
         """Take what :meth:`fields` has returned; at rest where it is missing."""
@@ -144,9 +203,21 @@ class Motion:
         self.velocity.x.array[:] = fields.get("velocity", at_rest)
         owned = slice(self._discretization.owned)
         self.acceleration = fields.get("acceleration", at_rest)[owned].copy()
+        self.carried, self.plan = fields.get("carried", at_rest)[owned].copy(), None
 
-    def move(self, velocity: Array, acceleration: Array) -> None:
-        """Take velocity and acceleration of owned dofs; collective."""
+    def move(
+        self,
+        velocity: Array,
+        acceleration: Array,
+        carried: Array | None = None,
+        plan: Plan | None = None,
+    ) -> None:
+        """Take velocity, acceleration and carried forces of owned dofs, none at rest; collective.
+
+        The arrays must not be modified later.
+        """
+        self.plan = plan
+        self.carried = np.zeros_like(acceleration) if carried is None else carried
         self.velocity.x.array[: self._discretization.owned] = velocity
         self.velocity.x.scatter_forward()
         self.acceleration = acceleration

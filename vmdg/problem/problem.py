@@ -572,9 +572,10 @@ class Problem:
         """Total reaction at the nodes of boundary facets (d,) [N], the same on every rank.
 
         From prescribed displacements and springs; zero on a free or loaded face, since loads are
-        not reactions. In axisymmetry the axial component is the force on the whole body. The radial
-        one is the sum of the radial forces around the circle (2 pi r t_r ds), conjugate to u_r; its
-        resultant is zero. Of a rigid wall it is the force on the whole wall.
+        not reactions. In motion supports carry the inertia and viscous forces of their nodes too,
+        and dashpots are supports. In axisymmetry the axial component is the force on the whole
+        body. The radial one is the sum of the radial forces around the circle (2 pi r t_r ds),
+        conjugate to u_r; its resultant is zero. Of a rigid wall it is the force on the whole wall.
 
         Raises:
             ValueError: nothing is selected, facets of an interface, or the problem is a periodic
@@ -619,7 +620,14 @@ class Problem:
             )
         nodes = nodes[nodes < self.space.dofmap.index_map.size_local]
         # Springs are part of the internal forces.
-        forces = parts.forces.x.array[: parts.owned] - parts.surface.spring_forces()
+        forces = parts.forces.x.array[: parts.owned].copy()
+        if self.step.motion is not None and self.step.motion.moves:
+            # What is free has inertia in place of supports.
+            free = np.ones(parts.owned, dtype=bool)
+            free[self.loading.owned_prescribed] = False
+            forces[free] = 0.0
+            forces += self.step.motion.carried
+        forces -= parts.surface.spring_forces()
         d = self.space.dofmap.index_map_bs
         return global_sum(self.comm, forces.reshape(-1, d)[nodes].sum(axis=0))
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..assembly.discretization import Discretization
 from ..domain.point_bodies import PointState
 from ..interface.history import InterfaceSnapshot
+from .motion import MotionState
 from .work import Increment
 
 
@@ -175,6 +176,7 @@ class Snapshot:
         works: Works of the run up to there.
         bodies: State of the bodies at points; None for none.
         rates: Derivatives by parameters; None for none.
+        motion: Velocity and acceleration; None in statics.
     """
 
     t: float
@@ -186,6 +188,7 @@ class Snapshot:
     works: Works
     bodies: PointState | None = None
     rates: Rates | None = None
+    motion: MotionState | None = None
 
     def way_to(self, other: Snapshot) -> tuple[NDArray[np.float64], float] | None:
         """Change of the displacement of owned dofs [mm] and of the load factor to another state.

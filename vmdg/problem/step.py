@@ -22,7 +22,7 @@ from ..interface.guess import (
 )
 from ..interface.moving import MovingInterface
 from ..interface.sliding import sliding
-from .ledger import Inertia, Ledger
+from .ledger import Ledger, WorkInMotion
 from .loading import Loading, anchor
 from .motion import Motion
 from .states import Rates, RunScales, Snapshot
@@ -173,8 +173,8 @@ class Step:
         """Stop bodies in motion, for statics; their kinetic energy counts as viscous work;
         collective."""
         anchor(self._loading)
-        if self.motion is not None and (energy := self.motion.kinetic_energy()) > 0:
-            self.ledger.release(energy)
+        if self.motion is not None:
+            self.ledger.release(self.motion.kinetic_energy())
             rest = np.zeros(self.discretization.owned)
             self.motion.move(rest, rest.copy())
 
@@ -360,15 +360,13 @@ class Step:
         self._repeats = repeats
         return True
 
-    def commit(self, inertia: Inertia | None = None, damped: float = 0.0) -> None:
+    def commit(self, motion: WorkInMotion | None = None) -> None:
         """Accept the current state as converged: history, dissipation and external work.
 
         Args:
-            inertia: Inertial and viscous forces at the start and at the end, on owned prescribed
-                dofs; None in statics [N].
-            damped: This rank's work of viscous forces [N mm].
+            motion: Works of a step in time; None in statics.
         """
-        self.ledger.commit(inertia, damped)
+        self.ledger.commit(motion)
         for active in self.discretization.active.values():
             active.commit()
         if bodies := self.discretization.bodies.points:
@@ -425,6 +423,7 @@ class Step:
             self.ledger.works,
             now.bodies.points and now.bodies.points.state,
             self.rates,
+            self.motion and self.motion.state,
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
@@ -444,6 +443,8 @@ class Step:
             active.return_to(interface)
         if snapshot.bodies is not None:
             now.bodies.points.take(snapshot.bodies)
+        if snapshot.motion is not None:
+            self.motion.return_to(snapshot.motion)
         self._loading.move(snapshot.t)
 
     # Facets that open on demand

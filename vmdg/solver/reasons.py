@@ -104,33 +104,87 @@ REASONS = {
     ),
 }
 
+_SHORTER = "shorter steps (more times, SolveOptions(max_cuts=12))"
+_CRUSHED = (
+    "larger or better shaped cells where strains are largest; a bond that fails before the bodies "
+    "are crushed; a lower speed of supports, or loads that grow more slowly"
+)
+
+#: Of runs in time, where these have other remedies.
+IN_TIME = {
+    "DIVERGED_MAX_IT": Reason(
+        "the corrections of a step did not converge: of Newton's method, or of nodes in contact",
+        f"{_SHORTER}; SolveOptions(max_iterations=40) where the residuals still fall; a smaller "
+        "safety of CentralDifferences; vmdg.Rayleigh(beta=) where friction makes a body vibrate",
+    ),
+    "DIVERGED_LOCAL_MIN": Reason(
+        "Newton's method stagnated without force balance: points may alternate between open and "
+        "closed, sticking and sliding",
+        f"{_SHORTER}; vmdg.CentralDifferences(), which needs no Newton's method",
+    ),
+    "DIVERGED_LINE_SEARCH": Reason(
+        "no step along Newton's correction, however short, reduced the residual",
+        f"{_SHORTER}; vmdg.CentralDifferences(), which needs no Newton's method",
+    ),
+    "DIVERGED_FNORM_NAN": Reason(
+        "the forces of a trial state are far too large or not finite: inverted cells, or a load "
+        "that throws a body away",
+        f"{_SHORTER}; {_CRUSHED}",
+    ),
+    "CELLS_INVERTED": Reason("cells are inverted (det F <= 0)", f"{_SHORTER}; {_CRUSHED}"),
+    "BODIES_OVERLAP": Reason(
+        "a body that slides has moved into the other one, past its surface",
+        f"{_SHORTER}; larger facets at the surfaces, which are paired across two of their radii",
+    ),
+    "STABILIZATION_OUTGROWN": Reason(
+        "tau_s is too small at the end of the step: strains at the interface change too much in it",
+        f"{_SHORTER}; a finer mesh along the interface; lower compression of the cells at it",
+    ),
+    "ENERGY_GAINED": Reason(
+        "kinetic and stored energy grew by more than the work of loads and supports: the step is "
+        "too long for what happens in it, such as an impact, a snap or a large rotation",
+        f"{_SHORTER}; a smaller safety or renewal of CentralDifferences; a finer mesh where "
+        "surfaces that slide meet",
+    ),
+    "STEP_VANISHES": Reason(
+        "the critical step has fallen to the longest one so far over 2^max_cuts: cells are crushed",
+        f"{_CRUSHED}; SolveOptions(max_cuts=12)",
+    ),
+}
+
 #: Other reasons of PETSc, due to user options.
 _OTHER = Reason("Newton's method was stopped", _USER)
 
 
-def reason(text: str) -> Reason:
+def reason(text: str, in_time: bool = False) -> Reason:
     """The reason that an attempt names.
 
     Args:
         text: `Attempt.reason`: a reason of PETSc or of a step, possibly with details, or a complete
             sentence with its remedy.
+        in_time: Whether of a run in time.
     """
     word = text.partition(" ")[0]
+    if in_time and word in IN_TIME:
+        return IN_TIME[word]
     if word in REASONS:
         return REASONS[word]
     return _OTHER if re.fullmatch(r"[A-Z_]+|-?\d+", word) else Reason(text, "")
 
 
-def explained(attempts: Sequence[str]) -> str:
+def explained(attempts: Sequence[str], in_time: bool = False) -> str:
     """Message for a failed step: what happened, from the last attempt backwards, and what helps.
 
     Args:
         attempts: Reasons of its attempts.
+        in_time: Whether of a run in time.
     """
     told = []
     for text in dict.fromkeys(reversed(attempts)):
         times = attempts.count(text)
-        told.append(f"{reason(text).happened} ({text}{f', {times} times' if times > 1 else ''})")
+        told.append(
+            f"{reason(text, in_time).happened} ({text}{f', {times} times' if times > 1 else ''})"
+        )
     others = f"; before, {'; '.join(told[1:])}" if told[1:] else ""
-    helps = reason(attempts[-1]).helps
+    helps = reason(attempts[-1], in_time).helps
     return f"{told[0]}{others}" + (f". What helps: {helps}" if helps else "")

@@ -1,0 +1,235 @@
+"""What all runs have in common: arguments, rows, files, and the state in which they end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any
+from weakref import WeakSet
+
+from petsc4py import PETSc
+
+from ..assembly.means import lattice_of
+from ..base.agreement import Interrupt, leave_together, same_call
+from ..base.timers import timer, timings, timings_since
+from ..checkpoint.checkpoint import claim_checkpoint, warn_of_replacement, write_checkpoint
+from ..output.axial import AxialMotion
+from ..output.cell import PeriodicCell
+from ..output.history import History, HistoryFile
+from ..problem.problem import Problem
+from .attempt import Attempt
+from .monitors import check_functions, energy_columns, sliding_column
+from .options import SolveOptions
+from .progress import Progress
+from .result import Counts, Result, StepFailure
+
+#: Problems that are being solved.
+_running: WeakSet[Problem] = WeakSet()
+
+
+def agreed(
+    problem: Problem,
+    call: str,
+    options: SolveOptions | None,
+    history: History | None,
+    functions: Mapping[str, Callable[..., Any] | None],
+) -> SolveOptions:
+    """Check the arguments that all runs have; collective.
+
+    Args:
+        problem: The problem.
+        call: Name of the user's call.
+        options: The user's.
+        history: The user's.
+        functions: The user's functions by argument name.
+
+    Returns:
+        Options of rank 0 for all ranks.
+
+    Raises:
+        TypeError: one has the wrong type.
+        RuntimeError: the problem is being solved.
+        ValueError: not all ranks make this call, or with other functions.
+    """
+    if not isinstance(problem, Problem):
+        raise TypeError(f"{call}: problem = {problem!r} must be a vmdg.Problem")
+    options = options or SolveOptions()
+    if not isinstance(options, SolveOptions):
+        raise TypeError(f"{call}: options = {options!r} must be SolveOptions(...)")
+    if history is not None and not isinstance(history, History):
+        raise TypeError(f"{call}: history = {history!r} must be a History, such as result.history")
+    check_functions(**functions)
+    if problem in _running:
+        raise RuntimeError(
+            f"{call}: the problem is being solved: its monitor must not solve it. End the run by "
+            "until=, or after fewer load factors, and solve again after it"
+        )
+    given = [name for name, value in functions.items() if value is not None]
+    same_call(problem.comm, call, [", ".join(given) or f"neither {' nor '.join(functions)}"])
+    return problem.comm.bcast(options)
+
+
+class Run:
+    """A run within :func:`run_of`.
+
+    Args:
+        problem: The problem.
+        options: Options of the solver.
+        result: To which rows are added.
+        check: May raise to end the run; called before every attempt.
+        progress: Progress output.
+        file: Table of the history.
+        rows: State of the last row.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        options: SolveOptions,
+        result: Result,
+        check: Callable[[], None],
+        progress: Progress,
+        file: HistoryFile,
+        rows: _Rows,
+    ):
+        self.check, self.progress, self.krylov = check, progress, lambda: 0
+        self._problem, self._options, self._result = problem, options, result
+        self._file, self._rows, self._written = file, rows, len(result.history)
+
+    def add(self, row: Mapping[str, Any], found: Attempt) -> None:
+        """Add a row for the current state, to which an exception returns from now on; collective.
+
+        Args:
+            row: Its columns.
+            found: The step that ends in it.
+        """
+        self._result.history.append(row)
+        self._result.residuals.append(found.norms)
+        self._rows.hold()
+        self._file.update()
+
+    def back(self) -> None:
+        """Return to the state of the last row, or to that of the start."""
+        self._rows.back()
+
+    def save(self, at_end: bool = False) -> bool:
+        """Write a checkpoint if it is due, and return whether; collective.
+
+        Args:
+            at_end: Whether it is due for any new row.
+        """
+        folder, unsaved = self._options.checkpoint, len(self._result.history) - self._written
+        if not unsaved or not (at_end or unsaved >= self._options.checkpoint_every):
+            return False
+        self._written += unsaved
+        if folder is not None:
+            write_checkpoint(self._problem, folder, self._result.history)
+        return folder is not None
+
+
+@contextmanager
+def run_of(
+    problem: Problem, options: SolveOptions, result: Result, count: int, continued: bool
+) -> Iterator[Run]:
+    """A run of a problem; however it ends, the problem is in the state of its last row, or as left
+    by a failed step; collective.
+
+    Args:
+        problem: In the state in which the run starts.
+        options: Options of the solver.
+        result: Takes rows, counts and timings.
+        count: Number of load factors or times.
+        continued: Whether the history is that of an earlier run.
+    """
+    if options.checkpoint is not None and not continued:
+        warn_of_replacement(problem.comm, options.checkpoint)
+    before, run = timings(), None
+    _running.add(problem)
+    try:
+        with (
+            timer("solve"),
+            Interrupt(problem.comm) as interrupt,
+            _claimed(problem, options),
+            HistoryFile(problem.comm, options.csv, result.history) as file,
+            Progress(problem, count, options) as progress,
+            _Rows(problem) as rows,
+        ):
+            run = Run(problem, options, result, interrupt.check, progress, file, rows)
+            yield run
+    finally:
+        _running.discard(problem)
+        problem.loading.clear_ray()
+        result.timings = timings_since(before)
+        result.counts = Counts.from_timings(result.timings, run.krylov() if run else 0)
+    if (options.progress or options.verbose) and problem.comm.rank == 0:
+        print(result.summary())
+
+
+class _Rows:
+    """The state of the last row, restored after an error within a step; collective.
+
+    Args:
+        problem: The problem, in a converged state.
+    """
+
+    def __init__(self, problem: Problem):
+        self._comm, self._step = problem.comm, problem.step
+        self.hold()
+
+    def hold(self) -> None:
+        """Mark the current state as that of a row."""
+        self._state, self._scales = self._step.snapshot(), self._step.scales
+
+    def back(self) -> None:
+        """Return to that state."""
+        self._step.return_to(self._state)
+        self._step.scales = self._scales
+
+    def __enter__(self) -> _Rows:
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is None or isinstance(error, StepFailure):
+            return
+        leave_together(self._comm, error)
+        self.back()
+        if isinstance(error, PETSc.Error) and error.__cause__ is not None:
+            # Raised in a function called by PETSc.
+            raise error.__cause__
+
+
+def _claimed(problem: Problem, options: SolveOptions) -> AbstractContextManager:
+    """The exclusive right to write checkpoints, if requested; collective."""
+    if options.checkpoint is None:
+        return nullcontext()
+    return claim_checkpoint(problem.comm, options.checkpoint)
+
+
+def common_columns(
+    problem: Problem, name: str, found: Attempt, number: int, cuts: int, energy: bool
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The columns of a converged step that all runs have, in two parts; collective.
+
+    Args:
+        problem: The problem.
+        name: Column of the load factor.
+        found: The step.
+        number: Of the row.
+        cuts: Number of attempts that failed.
+        energy: Whether with energies.
+    """
+    row = {
+        "step [-]": number,
+        name: problem.t,
+        "iterations [-]": found.iterations,
+        "residual [N]": found.norms[-1],
+        "cuts [-]": cuts,
+    }
+    more: dict[str, Any] = {"krylov [-]": found.krylov} | sliding_column(problem)
+    if lattice_of(problem.discretization.means) is not None:
+        more |= PeriodicCell(problem).row()
+    elif problem.discretization.means is not None:
+        more |= AxialMotion(problem).row()
+    if energy:
+        more |= energy_columns(problem)
+    return row, more
