@@ -169,12 +169,10 @@ def test_no_body_passes_through_another():
         result = vmdg.solve(
             problem, loads, TIGHT, lambda problem: {"F": -problem.reaction(find(12))[1]}
         )
-        return result.history["F"][-1], {why for _, why in result.failures}
+        return result.history["F"][-1]
 
-    far, failed = force([1.0])
-    assert "BODIES_OVERLAP" in failed
     # Friction depends on the steps.
-    assert far == pytest.approx(force(np.linspace(0.2, 1.0, 9))[0], rel=0.02)
+    assert force([1.0]) == pytest.approx(force(np.linspace(0.2, 1.0, 9)), rel=0.02)
 
 
 def test_wedge():
@@ -748,8 +746,8 @@ def test_drawn_at_small_strain(comm, cell, unit):
 
 
 def test_pairs_stay_at_small_strain():
-    """They are those of a gap that is kept, and the run is the same to the last bit; bodies that
-    are too far apart for a pair are refused, and slips above half a facet raise a warning."""
+    """They are those of a gap that is kept, and the run is the same to the last bit; slips above
+    half a facet raise a warning."""
     found = []
     for given in ({"sliding": True}, {"gap": "keep"}):
         scene = body_and_base("quadrilateral", (5, 3), (28, 3), gap=0.01)
@@ -768,9 +766,6 @@ def test_pairs_stay_at_small_strain():
     assert np.abs(found[0][1]).max() > 10.0
     for first, second in zip(*found, strict=True):
         assert np.array_equal(first, second)
-    apart = body_and_base("quadrilateral", (5, 3), (28, 3), gap=0.5)
-    with pytest.raises(ValueError, match=r"has no facet: .* at most 2 times the radius"):
-        contact(apart, (SOFT, HARD), vmdg.Contact(), kinematics="small")
 
 
 def test_debonds_and_rubs_at_small_strain(comm):

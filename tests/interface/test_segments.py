@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vmdg.interface.segments import FAR_REACH, REACH, FlatFacets, clipped, cut
+from vmdg.interface.segments import FlatFacets, clipped, cut, inside, passed
 
 RATIOS = [(3, 4), (7, 5), (4, 13), (2, 20)]
 
@@ -104,28 +104,114 @@ def test_clipping():
     assert areas == pytest.approx([0.25, 0.0, 1.0, 0.375, 0.375], abs=1e-15)
 
 
-@pytest.mark.parametrize("reach", [REACH, FAR_REACH])
-def test_backs_of_thin_bodies(reach):
-    """Films of .05 and .08 mm with facets of .3 and .5 mm: fronts are paired, not backs."""
+def joined(*parts: FlatFacets) -> FlatFacets:
+    """Several surfaces as one."""
+    return FlatFacets(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
-    def film(low, high):
-        faces = [line(2, True).corners + [0.0, high], line(3, False).corners + [0.0, low]]
-        inside = [face.mean(axis=1) * [1.0, 0.0] + [0.0, (low + high) / 2] for face in faces]
-        return [FlatFacets.of(*pair) for pair in zip(faces, inside, strict=True)]
 
-    lower, upper = film(-0.05, 0.0), film(0.0, 0.08)
-    assert cut(lower[0], upper[1], reach).measures.sum() == pytest.approx(1.0, rel=1e-13)
-    assert not len(cut(lower[1], upper[0], reach).first)
+def film(
+    count: int, low: float, high: float, length: float = 1.0, start: float = 0.0
+) -> FlatFacets:
+    """The closed surface of a rectangle: top, bottom, and ends of one facet each."""
+    across = line(count, True, length).corners + [start, 0.0]
+    ends = np.array([[[x, low], [x, high]] for x in (start, start + length)])
+    corners = np.concatenate([across + [0.0, high], across + [0.0, low], ends])
+    inside = corners.mean(axis=1)
+    inside[: 2 * count, 1] = (low + high) / 2
+    inside[2 * count :, 0] = start + length / 2
+    return FlatFacets.of(corners, inside)
+
+
+@pytest.mark.parametrize("gap", [-0.04, 0.0, 0.03, 5.0])
+@pytest.mark.parametrize("counts", [(1, 1), (2, 3), (50, 70)])
+def test_fronts_of_thin_bodies(gap, counts):
+    """Films of .05 and .08 mm, apart by any distance or in each other, in facets of any length:
+    their fronts are paired, not their backs nor their ends."""
+    lower, upper = film(counts[0], -0.05, 0.0), film(counts[1], gap, gap + 0.08)
+    found = cut(lower, upper)
+    assert found.measures.sum() == pytest.approx(1.0, rel=1e-13)
+    assert found.away == pytest.approx(gap, abs=1e-14)
+    assert (lower.normals[found.first] == [0.0, 1.0]).all()
+
+
+def test_first_in_sight():
+    """A body between two others hides the far one; its back is behind it, though it faces it."""
+    middle = film(3, 0.1, 0.2)
+    both = joined(film(4, 0.5, 0.6), film(2, -0.3, 0.0))
+    found = cut(middle, both)
+    up = middle.normals[found.first, 1] > 0
+    assert found.measures[up].sum() == pytest.approx(1.0, rel=1e-13)
+    assert found.away[up] == pytest.approx(0.3, rel=1e-13)
+    assert found.away[~up] == pytest.approx(0.1, rel=1e-13)
+    hidden = cut(film(3, -2.0, -1.0), joined(both, middle))
+    assert found.measures.sum() == pytest.approx(2.0, rel=1e-13)
+    assert hidden.away == pytest.approx(0.7, rel=1e-13)
+
+
+def test_shallow_overlap():
+    """Two blocks of one width, one .01 mm in the other, a little wider or not: their sides, which
+    are 1 mm from each other through both bodies, are no pair; nor are the ends of a pin of .1 mm in
+    a slot of .098 mm those of what it is in."""
+    for wider in (0.0, 1e-6, 1e-3):
+        lower, upper = film(10, -1.0, 0.0, 1 + 2 * wider, -wider), film(12, -0.01, 1.0)
+        found = cut(lower, upper)
+        assert found.away == pytest.approx(-0.01, rel=1e-12)
+        assert found.measures.sum() == pytest.approx(1.0, rel=1e-12)
+    slot = joined(film(7, -0.5, -0.049, 1.0), film(7, 0.049, 0.5, 1.0))
+    pin = film(9, -0.05, 0.05, 1.3, -0.2)
+    found = cut(pin, slot)
+    assert found.away == pytest.approx(-0.001, rel=1e-9)
+    assert found.measures.sum() == pytest.approx(2.0, rel=1e-12)
+
+
+def test_inside_without_a_partner():
+    """A film that has sunk into a block as a whole is no pair, and inside by its depth; where its
+    front is paired, or is far away, nothing is."""
+    block = film(8, -1.0, 0.0)
+    for low, expected in ((-0.3, 0.3), (-0.02, 0.0), (0.1, 0.0)):
+        sheet = film(4, low, low + 0.05, 0.5, 0.25)
+        found = cut(block, sheet)
+        alone = np.setdiff1d(np.arange(len(sheet.corners)), found.second)
+        paired = np.unique(found.first)
+        deepest = -found.away.min(initial=0.0)
+        depth = inside(sheet.rows(alone), block, paired, deepest)
+        assert depth.max(initial=0.0) == pytest.approx(expected, abs=1e-12)
+
+
+def test_passed():
+    """A thin film that has gone through another, in one step: whatever the way; not one that has
+    gone past it, nor what both bodies do together."""
+    still = film(6, 0.0, 0.01)
+    start = film(3, 0.1, 0.11, 0.4, 0.3)
+
+    def moved(facets, way, turn=0.0):
+        c, s = np.cos(turn), np.sin(turn)
+        return FlatFacets(
+            *(x @ np.array([[c, s], [-s, c]]) + way for x in facets[:1]),
+            facets.normals @ np.array([[c, s], [-s, c]]),
+        )
+
+    for way, expected in (
+        ((0.0, -0.2), True),
+        ((0.2, -0.4), True),
+        ((0.0, 0.3), False),
+        ((2.0, -0.4), False),
+        ((0.0, -0.05), False),
+    ):
+        now = moved(start, np.array(way))
+        assert passed(now, still, (start, still)) == expected
+        turned = [moved(each, np.array([3.0, 1.0]), 0.5) for each in (now, still)]
+        assert passed(*turned, (start, still)) == expected
 
 
 def test_not_opposite():
-    """Neither far surfaces, nor those with parallel normals, nor perpendicular ones."""
-    first = line(3, False)
-    for second in (
-        line(4, False),
-        FlatFacets.of(line(4, True).corners + [0.0, 0.2], line(4, True).centres + [0.0, 2.0]),
-        FlatFacets.of(
-            line(4, True).corners[..., ::-1], line(4, True).centres[:, ::-1] - [1.0, 0.0]
-        ),
-    ):
+    """Neither far surfaces, where distances are limited, nor those with parallel normals, nor
+    perpendicular ones."""
+    first, far = line(3, False), line(4, True)
+    far = FlatFacets(far.corners + [0.0, 0.2], far.normals)
+    assert len(cut(first, far).first) and not len(cut(first, far, most=0.1).first)
+    across = FlatFacets.of(
+        line(4, True).corners[..., ::-1], line(4, True).centres[:, ::-1] - [1.0, 0.0]
+    )
+    for second in (line(4, False), across):
         assert not len(cut(first, second).first)

@@ -252,9 +252,7 @@ class ActiveInterface:
         out = known.left_out if self.lets_go else np.zeros(0, dtype=bool)
         if out.any():
             known = replace(known, weights=self.stabilizer.flux_weights(known.delta))
-        trial = self._return_map.trial(
-            known, self.history, self._overstress_modulus, self._cycles
-        )
+        trial = self._return_map.trial(known, self.history, self._overstress_modulus, self._cycles)
         if not out.any():
             return trial
         if closes and (closed := out[q.facet] & ~_apart(trial)).any():

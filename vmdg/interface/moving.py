@@ -417,11 +417,11 @@ class MovingInterface(ActiveInterface):
     # Steps
 
     def passed(self) -> bool:
-        """Whether the bodies have moved into each other in the step, too far to be paired."""
+        """Whether the bodies have moved into or through each other in the step, where nothing is
+        paired; collective, the answer is that of this rank."""
         before = self._committed
         start = np.zeros_like(self._u.x.array) if before is None else before.u
-        surfaces, paired = self.facets.surfaces, self.facets.segments.first
-        return surfaces.passed(self._u, start, paired)
+        return self.facets.surfaces.passed(self.facets.segments, self._u, start)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
         """As in the base class, also of points that are paired later in the step."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 from mpi4py import MPI
@@ -20,11 +21,21 @@ import basix
 import numpy as np
 import scipy
 from dolfinx import fem
+from dolfinx.common import IndexMap
 from dolfinx.mesh import Mesh, compute_midpoints
 from numpy.typing import NDArray
 
 from .. import compat
-from ..base.parallel import global_any, global_box, global_max, global_sum, raise_together
+from ..base.parallel import (
+    gathered,
+    global_any,
+    global_box,
+    global_max,
+    global_sum,
+    raise_together,
+    warn_together,
+)
+from ..domain.shapes import determinants, places_in_cells
 from ..domain.tags import group_tag
 from ..domain.topology import (
     UNTAGGED,
@@ -39,13 +50,26 @@ from ..forms.geometry import CARTESIAN, Geometry
 from ..laws import Law
 from .facets import InterfaceFacets, facet_properties, find_facets
 from .interface import KEEP, Interface
-from .segments import FAR_REACH, OPPOSITE, REACH, FlatFacets, Segments, cut, passed, soon_paired
+from .segments import (
+    OPEN_REACH,
+    OPPOSITE,
+    FlatFacets,
+    Segments,
+    cut,
+    inside,
+    passed,
+    soon_paired,
+)
 
 #: Least share of the smaller surface that must lie opposite the other one.
 _LEAST_SHARE = 0.01
 
 #: By how much the segments of a facet may exceed it, relative to its area.
 _TWICE = 1e-6
+
+#: Gaps that need no warning, relative to the radius of the larger facet: of two polygons along one
+#: curve.
+_MISFIT = 0.5
 
 #: Ratio of moduli above which one body is the stiffer one, difference of angles from which one
 #: surface is the flatter one, and rounding of lengths.
@@ -90,7 +114,7 @@ class Surfaces:
 
     Attributes:
         mesh: The mesh.
-        sides: The surfaces.
+        whole: The surfaces.
         tags: Tag of every local cell.
         damage: Initial damage of the bond, by facets of side 1 (n,).
         law: The law on these facets.
@@ -100,10 +124,11 @@ class Surfaces:
         gaps: Whether their distance counts as a gap.
         slides: Whether bodies slide: damage and law are those of the facets of side 1.
         moves: Whether they are paired again in every state, which they are not at small strain.
+        thickness: Of the thicker body, see :func:`_thickness` [mm].
     """
 
     mesh: Mesh
-    sides: tuple[Surface, Surface]
+    whole: tuple[Surface, Surface]
     tags: NDArray[np.int32]
     damage: NDArray[np.float64]
     law: Law
@@ -113,16 +138,47 @@ class Surfaces:
     gaps: bool
     slides: bool
     moves: bool
+    thickness: float
+
+    @cached_property
+    def sides(self) -> tuple[Surface, Surface]:
+        """The surfaces, of side 1 the facets that this rank owns."""
+        return self.whole[0].owned(self.mesh), self.whole[1]
 
     @property
-    def reach(self) -> float:
-        """Largest distance of a pair, relative to the larger facet's radius."""
-        return FAR_REACH if self.gaps else REACH
+    def index_map(self) -> IndexMap:
+        """Of facets."""
+        return self.mesh.topology.index_map(self.mesh.topology.dim - 1)
+
+    @cached_property
+    def names(self) -> list[NDArray[np.int64]]:
+        """Global numbers of the facets of both whole surfaces."""
+        return [self.index_map.local_to_global(side.facets) for side in self.whole]
+
+    @cached_property
+    def _owned(self) -> NDArray[np.intp]:
+        """Rows of the facets of side 1 that this rank owns."""
+        return np.flatnonzero(np.isin(self.whole[0].facets, self.sides[0].facets))
 
     def flat(self, u: fem.Function | None = None) -> tuple[FlatFacets, FlatFacets]:
-        """Both in the configuration of a displacement; None for the reference configuration."""
-        one, two = self.sides
+        """The whole surfaces in the configuration of a displacement; None for the reference
+        configuration."""
+        one, two = self.whole
         return _flat_facets(self.mesh, one, u), _flat_facets(self.mesh, two, u)
+
+    def _cut(
+        self, flat: tuple[FlatFacets, FlatFacets], rows: NDArray[np.intp], bonded: bool
+    ) -> Segments:
+        """The segments of some facets of side 1, by their rows in ``sides``.
+
+        What holds bodies together spans gaps up to the thickness of the thicker one, contact any
+        gap; where it is searched again in every state what is far and open is left out.
+        """
+        numbers = self._owned[rows]
+        most = self.thickness if bonded or not self.gaps else np.inf
+        reach = OPEN_REACH if self.moves and not bonded else np.inf
+        found = cut(flat[0].rows(numbers), flat[1], most, reach, (flat[0], numbers))
+        return found._replace(first=rows[found.first])
 
     def pairs(
         self, u: fem.Function | None = None, bonded: NDArray[np.bool_] | None = None
@@ -134,18 +190,14 @@ class Surfaces:
             bonded: Facets of side 1 whose bond holds, (n,): their pairs, the first ones, are those
                 of the reference configuration. None for none.
         """
-        flat = self.flat(u)
+        flat, rows = self.flat(u), np.arange(len(self.sides[0].facets))
         if bonded is None or not bonded.any():
-            return self._from(flat, cut(*flat, self.reach), 0)
+            return self._from(flat, self._cut(flat, rows, False), 0)
         reference = self.flat()
-        parts = []
-        for one, chosen, reach in (
-            (reference, bonded, REACH),
-            (flat, ~bonded, self.reach),
-        ):
-            rows = np.flatnonzero(chosen)
-            found = cut(one[0].rows(rows), one[1], reach)
-            parts.append(found._replace(first=rows[found.first]))
+        parts = [
+            self._cut(reference, rows[bonded], True),
+            self._cut(flat, rows[~bonded], False),
+        ]
         return self._from(reference, Segments.joined(parts), len(parts[0].first))
 
     def _from(
@@ -154,7 +206,8 @@ class Surfaces:
         """The pairs of some segments; areas are those of ``flat``."""
         both = list(zip(self.sides, (segments.first, segments.second), strict=True))
         cells = np.column_stack([side.cells[rows] for side, rows in both])
-        areas = [one.measures[rows] for one, (_, rows) in zip(flat, both, strict=True)]
+        numbers = self._owned[segments.first], segments.second
+        areas = [one.measures[rows] for one, rows in zip(flat, numbers, strict=True)]
         measures = np.column_stack(areas)
         everywhere = np.unique(np.concatenate([side.facets[rows] for side, rows in both]))
         return PairedFacets(
@@ -168,7 +221,6 @@ class Surfaces:
             self.label,
             self.walled,
             others=both[1][0].facets[segments.second],
-            shares=segments.measures[:, None] / measures,
             segments=segments,
             extent=measures.max(axis=1, initial=0.0) ** (1 / (self.mesh.topology.dim - 1)),
             surfaces=self,
@@ -179,23 +231,62 @@ class Surfaces:
         """Facets of side 1 that are bonded at the start (n,)."""
         return (self.damage < 1.0) & self.law.has_bond
 
-    def passed(self, u: fem.Function, start: NDArray[np.float64], paired: NDArray[np.intp]) -> bool:
-        """Whether facets of side 1 have moved into the other body, too far to be paired.
+    def overlap(
+        self, segments: Segments, u: fem.Function | None = None
+    ) -> tuple[float, NDArray[np.float64] | None]:
+        """The largest depth by which one body is in the other though nothing is paired nearby, and
+        the place, on this rank [mm]; collective.
 
         Args:
+            segments: The pairs.
+            u: As in :meth:`flat`.
+        """
+        flat, paired = self.flat(u), self._paired(segments)
+        deepest = global_max(self.mesh.comm, -segments.away.min(initial=0.0))
+        most, place = 0.0, None
+        for a, b in ((0, 1), (1, 0)):
+            rows = self._alone(a, paired[a])
+            facets = flat[a].rows(rows)
+            depth = inside(facets, flat[b], np.flatnonzero(paired[b]), deepest)
+            if len(depth) and depth.max() > most:
+                most, place = float(depth.max()), facets.centres[depth.argmax()]
+        return most, place
+
+    def passed(self, segments: Segments, u: fem.Function, start: NDArray[np.float64]) -> bool:
+        """Whether in a step one body has moved into or through the other one, where nothing is
+        paired; collective, the answer is that of this rank.
+
+        Args:
+            segments: The pairs.
             u: Displacement.
             start: Displacement at the start of the step, local dofs [mm].
-            paired: Facets that are paired.
         """
-        rows = np.setdiff1d(np.arange(len(self.sides[0].facets)), paired)
+        found = [self.overlap(segments, u)[1] is not None]
         before = u.copy()
         before.x.array[:] = start
-        (one, two), (first, second) = self.flat(u), self.flat(before)
-        return passed(one.rows(rows), two, (first.rows(rows), second), self.reach)
+        now, then = self.flat(u), self.flat(before)
+        for a, paired in enumerate(self._paired(segments)):
+            rows, b = self._alone(a, paired), 1 - a
+            found.append(passed(now[a].rows(rows), now[b], (then[a].rows(rows), then[b])))
+        return any(found)
+
+    def _paired(self, segments: Segments) -> list[NDArray[np.bool_]]:
+        """Which facets of the whole surfaces are paired on any rank; collective."""
+        numbers, comm = (self._owned[segments.first], segments.second), self.mesh.comm
+        return [
+            np.isin(names, gathered(comm, np.unique(names[rows])))
+            for names, rows in zip(self.names, numbers, strict=True)
+        ]
+
+    def _alone(self, a: int, paired: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Rows of the facets of a whole surface that this rank owns and that are not paired."""
+        owned = np.isin(self.whole[a].facets, self.whole[a].owned(self.mesh).facets)
+        return np.flatnonzero(owned & ~paired)
 
     def near(self, u: fem.Function) -> NDArray[np.intp]:
         """Rows of the two surfaces whose facets are or may soon be paired (n, 2)."""
-        return np.column_stack(soon_paired(*self.flat(u), self.reach))
+        one, two = self.flat(u)
+        return np.column_stack(soon_paired(one.rows(self._owned), two, OPEN_REACH))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +297,6 @@ class PairedFacets(InterfaceFacets):
         facets: Facet of side 1 (ns,).
         everywhere: Facets of both surfaces that belong to a pair.
         others: Facet of side 2 (ns,).
-        shares: Fraction of each of the two facets that the segment covers (ns, 2).
         segments: The segments.
         extent: Length of the larger facet of a pair, in 3D the square root of its area (ns,) [mm].
         surfaces: Where they come from.
@@ -215,7 +305,6 @@ class PairedFacets(InterfaceFacets):
     """
 
     others: NDArray[np.int32]
-    shares: NDArray[np.float64]
     segments: Segments
     extent: NDArray[np.float64]
     surfaces: Surfaces
@@ -276,6 +365,35 @@ class PairedFacets(InterfaceFacets):
     def size(self) -> int:
         """Number of pairs, for surfaces that slide of facets of side 1."""
         return len(self.surfaces.sides[0].facets) if self.slides else len(self.facets)
+
+    def shared(self, other: PairedFacets) -> NDArray[np.int64]:
+        """Pairs of facets, by global numbers, that belong to another interface too, or may where
+        surfaces slide (n, 2); collective."""
+        if self.slides and other.slides:
+            mine, theirs = (one.surfaces.names for one in (self, other))
+            ways = [
+                [np.intersect1d(*both) for both in zip(mine, order, strict=True)]
+                for order in (theirs, theirs[::-1])
+            ]
+            return np.array([[a[0], b[0]] for a, b in ways if len(a) and len(b)]).reshape(-1, 2)
+        if self.slides:
+            return other.shared(self)
+        pairs = self._named_pairs
+        if other.slides:
+            a, b = other.surfaces.names
+            one, two = pairs.T
+            found = np.isin(one, a) & np.isin(two, b) | np.isin(one, b) & np.isin(two, a)
+            return pairs[found]
+        both = [np.unique(np.sort(each, axis=1), axis=0) for each in (pairs, other._named_pairs)]
+        found, counts = np.unique(np.concatenate(both), axis=0, return_counts=True)
+        return found[counts > 1]
+
+    @cached_property
+    def _named_pairs(self) -> NDArray[np.int64]:
+        """Global numbers of the facets of all pairs of all ranks (n, 2); collective."""
+        index_map = self.surfaces.index_map
+        names = [index_map.local_to_global(each) for each in (self.facets, self.others)]
+        return gathered(self.surfaces.mesh.comm, np.column_stack(names))
 
     def among(self, mark: NDArray[np.bool_]) -> PairedFacets:
         """All: such an interface is open from the start."""
@@ -346,20 +464,22 @@ def place(
         first = comm.bcast(_before(mesh, one, two, stiffness))
         one, two = (one, two) if first else (two, one)
     tags = [int(comm.bcast(cell_tags[side.cells[0]])) for side in (one, two)]
-    gaps, one = interface.gap == KEEP, one.owned(mesh)
+    count = len(one.owned(mesh).facets)
     found = Surfaces(
         mesh,
         (one, two),
         cell_tags,
-        damage=np.zeros(len(one.facets)),
+        damage=np.zeros(count),
         law=interface.law,
         label=label,
         walled=False,
         first=tags[0],
-        gaps=gaps,
+        gaps=interface.gap == KEEP,
         slides=interface.sliding,
         moves=interface.sliding and not small,
+        thickness=max(_thickness(mesh, cell_tags, side) for side in (one, two)),
     )
+    one = found.sides[0]
     given, whole = (mesh, interface), interface.surfaces is None
     if found.slides:
         # The partners of a facet are not known in advance.
@@ -369,15 +489,13 @@ def place(
         both, sides = np.concatenate(each), np.column_stack([one.cells, one.cells])
         damage, law, _, walled = facet_properties(*given, one.facets, sides, both, walls, label)
         found = replace(found, damage=damage, law=law, walled=walled)
-        pairs = found.pairs(bonded=found.intact())
-        if not found.moves:
-            _check_overlap(comm, label, found.flat(), pairs.segments, found.reach, whole)
-        return pairs
-    pairs = found.pairs()
-    _check_overlap(comm, label, found.flat(), pairs.segments, found.reach, whole)
-    given = *given, pairs.facets, pairs.cells, pairs.tags, walls, label
-    damage, law, _, walled = facet_properties(*given)
-    return replace(pairs, damage=damage, law=law, walled=walled)
+    pairs = found.pairs(bonded=found.intact() if found.slides else None)
+    if not found.slides:
+        given = *given, pairs.facets, pairs.cells, pairs.tags, walls, label
+        damage, law, _, walled = facet_properties(*given)
+        pairs = replace(pairs, damage=damage, law=law, walled=walled)
+    _check_pairs(comm, pairs, whole)
+    return pairs
 
 
 def _apart(
@@ -543,47 +661,124 @@ def _flat_facets(mesh: Mesh, surface: Surface, u: fem.Function | None) -> FlatFa
     return FlatFacets.of(on_facet, x.mean(axis=1))
 
 
-def _check_overlap(
-    comm: MPI.Comm,
-    label: str,
-    flat: Sequence[FlatFacets],
-    segments: Segments,
-    reach: float,
-    whole: bool,
-) -> None:
-    """Check that the surfaces, or the ``whole`` surfaces of two groups, lie opposite each other
-    within this ``reach``; collective.
+def _thickness(mesh: Mesh, cell_tags: NDArray[np.int32], side: Surface) -> float:
+    """Mean thickness of the body of a surface, 2 V/A, of a plate its own [mm]; collective."""
+    tags, cell = np.unique(cell_tags[side.cells]), mesh.basix_cell()
+    owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    cells = np.flatnonzero(np.isin(cell_tags[:owned], tags)).astype(np.int32)
+    points, weights = basix.make_quadrature(cell, compat.coordinate_element(mesh).degree + 1)
+    _, J = places_in_cells(mesh, cells, np.broadcast_to(points, (len(cells), *points.shape)))
+    mine = np.isin(cell_tags[facet_cells(mesh)[:, 0]], tags) & outer_facets(mesh)
+    outer = _surface(mesh, np.flatnonzero(mine).astype(np.int32)).owned(mesh)
+    area = _flat_facets(mesh, outer, None).measures.sum()
+    volume, area = global_sum(mesh.comm, [(np.abs(determinants(J)) @ weights).sum(), area])
+    return 2 * float(volume / area)
+
+
+def _check_pairs(comm: MPI.Comm, pairs: PairedFacets, whole: bool) -> None:
+    """Check the first pairs of two surfaces, or of the ``whole`` surfaces of two groups;
+    collective.
 
     Raises:
-        ValueError: they do not, or more than once.
+        ValueError: none are opposite each other where bodies are joined or pairs stay, or some more
+            than once; the bodies overlap where there is no pair.
     """
-    area, two = flat[0].measures, flat[1].measures.sum()
+    surfaces, segments = pairs.surfaces, pairs.segments
+    flat, label = surfaces.flat(), surfaces.label
+    if surfaces.gaps:
+        _refuse_overlap(comm, surfaces, segments)
+    if surfaces.moves:
+        if not global_any(comm, surfaces.intact().any()):
+            return
+        segments = segments.rows(slice(0, pairs.bonded))
+    area, two = flat[0].measures[surfaces._owned], flat[1].measures.sum()
     common, one, count = global_sum(comm, [segments.measures.sum(), area.sum(), len(area)])
     share = common / min(one, two)
-    pairs = (
-        f"facets form a pair where their normals are opposite and their distance is at most "
-        f"{reach:g} times the radius of the larger one"
-    )
+    joined = not surfaces.gaps or surfaces.moves
+    facing = "their normals are opposite and nothing is between them"
+    if joined:
+        facing += (
+            f", and no farther apart than the mean thickness of the thicker body, "
+            f"{surfaces.thickness:.3g} mm"
+        )
     if whole and share == 0.0:
         raise ValueError(
             f"{label} has no facet: the tags are not adjacent, nor do the surfaces of their bodies "
-            f"lie opposite each other ({pairs}); {_REMEDY}"
+            f"lie opposite each other (facets form a pair where {facing}); {_REMEDY}"
         )
     if not whole and share < _LEAST_SHARE:
-        apart = global_sum(comm, flat[0].centres.sum(axis=0)) / count
+        apart = global_sum(comm, flat[0].centres[surfaces._owned].sum(axis=0)) / count
         apart -= flat[1].centres.mean(axis=0)
         raise ValueError(
             f"{label}: its two surfaces lie opposite each other on {100 * share:.2g} % of the "
-            f"smaller one: {pairs}. The centres of the surfaces are {np.linalg.norm(apart):.3g} mm "
-            "apart: are these the surfaces that touch, and do both meshes have the same units and "
-            "origin?"
+            f"smaller one: facets form a pair where {facing}. The centres of the surfaces are "
+            f"{np.linalg.norm(apart):.3g} mm apart: are these the surfaces that touch, and do both "
+            "meshes have the same units and origin?"
         )
+    if joined:
+        _check_joined(comm, surfaces, segments, area)
+
+
+def _refuse_overlap(comm: MPI.Comm, surfaces: Surfaces, segments: Segments) -> None:
+    """Raises:
+    ValueError: bodies overlap at the start where there is no pair, or by more than the thicker one
+        is thick; collective.
+    """
+    depth, place = surfaces.overlap(segments)
+    message, why = None, "where no facet faces it"
+    if len(segments.away) and -segments.away.min() > surfaces.thickness:
+        k = segments.away.argmin()
+        depth, place = -segments.away[k], segments.origins[k]
+        why = f"more than the thicker one is thick, {surfaces.thickness:.3g} mm"
+    if place is not None:
+        at = ", ".join(f"{x:.6g}" for x in place)
+        message = (
+            f"{surfaces.label}: at the start the facet at ({at}) is {depth:.3g} mm inside the "
+            f"other body, {why}: do both meshes have the same units and origin? Else give only the "
+            "facets that may touch, by surfaces=(facets_1, facets_2), or a smaller overlap"
+        )
+    raise_together(comm, message)
+
+
+def _check_joined(
+    comm: MPI.Comm, surfaces: Surfaces, segments: Segments, area: NDArray[np.float64]
+) -> None:
+    """Check bodies that are joined across gaps, if any, and say how much of side 1, with facets of
+    this ``area``, they leave out; collective.
+
+    Raises:
+        ValueError: a facet lies opposite others more than once.
+    """
+    flat, label = surfaces.flat(), surfaces.label
     covered = np.bincount(segments.first, segments.measures, minlength=len(area))
     twice, message = np.flatnonzero(covered > (1 + _TWICE) * area), None
     if len(twice):
-        place = ", ".join(f"{x:.6g}" for x in flat[0].centres[twice[0]])
+        place = ", ".join(f"{x:.6g}" for x in flat[0].centres[surfaces._owned[twice[0]]])
         message = (
             f"{label}: the facet at ({place}) of side 1 lies opposite side 2 more than once; give "
             "only the facets that touch, by surfaces=(facets_1, facets_2)"
         )
     raise_together(comm, message)
+    rows = np.flatnonzero(surfaces.intact()) if surfaces.moves else np.arange(len(area))
+    numbers = surfaces._owned[rows]
+    facing = cut(flat[0].rows(numbers), flat[1], whole=(flat[0], numbers))
+    wide = np.abs(segments.away) > _MISFIT * np.maximum(
+        flat[0].radii[surfaces._owned[segments.first]], flat[1].radii[segments.second]
+    )
+    given = facing.measures, segments.measures, segments.measures[wide]
+    faces, joins, spans = global_sum(comm, [each.sum() for each in given])
+    widest = global_max(comm, np.abs(segments.away).max(initial=0.0))
+    said = []
+    if joins < (1 - _TWICE) * faces:
+        said.append(
+            f"{100 * (1 - joins / faces):.3g} % of what faces the other body is left out: it is "
+            f"farther away than the thicker body is thick, {surfaces.thickness:.3g} mm"
+        )
+    if spans > 0:
+        said.append(
+            f"{100 * spans / joins:.3g} % of it spans gaps, of up to {widest:.3g} mm, as if the "
+            "bodies touched"
+        )
+    text = "; ".join(said)
+    hint = "give the facets that are joined, by surfaces=(facets_1, facets_2), or move the meshes"
+    warn_together(comm, f"{label}: {text}; if that is not meant, {hint}" if said else None)

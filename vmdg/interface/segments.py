@@ -22,6 +22,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ..base.kernels import call, compile_source
+from .facet_tree import FacetTree
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
@@ -29,13 +30,13 @@ Numbers = NDArray[np.intp]
 #: Cosine of the largest angle between a normal and the reversed normal of a facet opposite to it.
 OPPOSITE = 0.5
 
-#: Largest distance of facets that lie opposite each other, relative to the larger one's radius: of
-#: polygons along one curve, and of bodies that may be apart or overlap.
-REACH, FAR_REACH = 0.5, 2.0
+#: Distance beyond which open pairs are left out where surfaces are paired again in every state,
+#: relative to the larger facet's radius: they exert nothing, so that it decides nothing.
+OPEN_REACH = 2.0
 
-#: Overlap of facets, relative to the larger distance from the middle of a cell, beyond which they
-#: turn their backs on each other: twice is a cell.
-_THROUGH = 2.0
+#: Distances from a facet and from its partner within which others are on them, relative to the
+#: radius, and to their distance.
+_ON, _BETWEEN = 1e-9, 1e-6
 
 #: Smallest measure of a segment relative to that of the smaller facet, and smallest distance of its
 #: corners relative to their largest coordinate: less is rounding.
@@ -43,10 +44,6 @@ _SLIVER, _SAME = 1e-12, 1e-13
 
 #: Distance from a side, relative to the size of the facet, within which a point is on it.
 _ALONG = 1e-9
-
-#: Share of a facet that need not be covered before others behind are left out.
-_COVERED = 1e-9
-
 
 #: By how much facets are larger that may soon be paired, relative to their size.
 _SOON = 0.25
@@ -64,12 +61,10 @@ class FlatFacets(NamedTuple):
     Attributes:
         corners: In order around each facet (n, c, d) [mm].
         normals: Unit normals, outward (n, d).
-        depths: Distances of the middle of their cells (n,) [mm].
     """
 
     corners: Array
     normals: Array
-    depths: Array
 
     @classmethod
     def of(cls, corners: Array, inside: Array) -> FlatFacets:
@@ -86,8 +81,8 @@ class FlatFacets(NamedTuple):
             normals = np.cross(*edges)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         outward = corners.mean(axis=1) - inside
-        depths = np.einsum("fi,fi->f", normals, outward)
-        return cls(corners, normals * np.sign(depths)[:, None], np.abs(depths))
+        turns = np.sign(np.einsum("fi,fi->f", normals, outward))
+        return cls(corners, normals * turns[:, None])
 
     def rows(self, select: NDArray) -> FlatFacets:
         """Some of them."""
@@ -129,6 +124,8 @@ class Segments(NamedTuple):
         follows: How corners move in the plane where the second facet moves by g relative to the
             first one: by the product with g (n, c, d - 1, d - 1). Corners of the first facet rest,
             those of the second one follow, and intersections of sides move along that of the first.
+        away: Distance of the second facet along the normal of the first, at the middle (n,),
+            negative where bodies overlap [mm].
     """
 
     first: Numbers
@@ -137,6 +134,7 @@ class Segments(NamedTuple):
     origins: Array
     axes: Array
     follows: Array
+    away: Array
 
     @property
     def measures(self) -> Array:
@@ -153,104 +151,186 @@ class Segments(NamedTuple):
         return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def cut(first: FlatFacets, second: FlatFacets, reach: float = REACH) -> Segments:
+def cut(
+    first: FlatFacets,
+    second: FlatFacets,
+    most: float = np.inf,
+    reach: float = np.inf,
+    whole: tuple[FlatFacets, Numbers] | None = None,
+) -> Segments:
     """The segments of two surfaces, by facets of the first one.
 
-    Facets lie opposite each other where their normals do, within 60 degrees, and their distance is
-    at most half the radius of the larger one: more than that of two polygons along one curve. Where
-    they overlap by more than the cells of both, they are the backs of thin bodies.
+    Facets lie opposite each other where their normals do, within 60 degrees, and where no other
+    facet of either body is between them, see :func:`_facing`.
 
     Args:
         first: Facets whose planes are used.
-        second: Those of the other surface.
-        reach: Another largest distance, relative to the radius of the larger facet. Where a facet
-            then has several others opposite it, one behind the other, the nearest ones count.
+        second: The other surface.
+        most: Largest distance or overlap [mm].
+        reach: Largest distance, not overlap, relative to the radius of the larger facet.
+        whole: The first surface, and which of its facets ``first`` are.
     """
-    i, j = near_pairs(first, second, reach)
+    tree = FacetTree(second)
+    limit = np.minimum(most, reach * (first.radii + second.radii.max(initial=0.0)))
+    behind = np.full(len(limit), most)
+    i, j = tree.opposite(first, limit, behind, OPPOSITE)
     d = first.corners.shape[2]
     axes, centres = plane_axes(first), first.centres
     one, two = _both_projected(first, second, i, j)
     pair, corners = (_intervals if d == 2 else _polygons)(one, two)
     i, j = i[pair], j[pair]
     follows = _followed(corners, one[pair], two[pair])
-    found = Segments(i, j, corners, centres[i], axes[i], follows)
-    least = _SLIVER * np.minimum(first.measures[i], second.measures[j])
     # The distance along the normal, at the middle of the segment.
     middle = centres[i] + np.einsum("sk,skd->sd", corners.mean(axis=1), axes[i])
     away = np.einsum("sd,sd->s", second.centres[j] - middle, second.normals[j])
     away /= np.einsum("sd,sd->s", first.normals[i], second.normals[j])
-    most, deepest = _limits(first, second, i, j, reach)
-    keep = (found.measures > least) & (away <= most) & (-away <= deepest)
-    found, away = found.rows(keep), away[keep]
-    if reach == REACH:
-        return found
-    nearest = _nearest(found, np.abs(away), first.measures)
-    found, away = found.rows(nearest), away[nearest]
-    # Facets that overlap by more than what is covered of them meet with their edges only: where a
-    # shaft is about to leave its hole, the ends of both are no pair.
-    covered = np.bincount(found.first, found.measures, minlength=len(first.corners))
-    return found.rows(-away <= covered[found.first] ** (1 / (d - 1)))
+    found = Segments(i, j, corners, centres[i], axes[i], follows, away)
+    least = _SLIVER * np.minimum(first.measures[i], second.measures[j])
+    larger = np.maximum(first.radii[i], second.radii[j])
+    keep = found.measures > least
+    keep &= (away <= np.minimum(most, reach * larger)) & (-away <= most)
+    found, middle = found.rows(keep), middle[keep]
+    body, numbers = (first, np.arange(len(first.corners))) if whole is None else whole
+    mine = numbers[found.first]
+    return found.rows(_facing(found, middle, mine, (FacetTree(body), tree)))
+
+
+def _facing(
+    segments: Segments, x: Array, mine: Numbers, bodies: tuple[FacetTree, FacetTree]
+) -> NDArray[np.bool_]:
+    """Which segments are of facets that face each other (n,).
+
+    A line along the normal N of side 1 runs through the middle of a segment, x, to the other facet
+    at x + s N. Seen from x, where s > 0, nothing is between them; in an overlap, s < 0, the way
+    back runs inside both bodies, so that nothing is between them either: behind a thin body, and on
+    the backs of two, there is. Where only parts of surfaces are known, facets on both sides of x
+    may be opposite: the nearer one counts.
+
+    An overlap belongs to the facets between which it is shallow: x does not meet x + s N if from
+    the point y of side 2 that is nearest to the middle of this line, D < |s|/2 away on a facet with
+    another normal N_2, side 1 is at y - D' N_2 with D <= D' < |s|/2. So the ends of a shaft that
+    leaves its hole are no pair, though its interference is in front of the other end of the hole.
+
+    Args:
+        segments: The segments.
+        x: Their middles (n, d) [mm].
+        mine: Their facets of side 1 (n,).
+        bodies: Both surfaces.
+    """
+    one, two = bodies
+    normals, theirs = one.facets.normals[mine], segments.second
+    scale = segments.measures.max(initial=0.0) ** (1 / segments.corners.shape[2])
+    size, start = np.abs(segments.away), np.full(len(x), _ON * scale)
+    end = np.maximum((1 - _BETWEEN) * size, start)
+    way = np.sign(segments.away)[:, None] * normals
+    facing = (one.first_along(x, way, start, end, mine)[1] < 0) & (
+        two.first_along(x, way, start, end, theirs)[1] < 0
+    )
+    back, _ = one.first_along(x, -way, start, end, mine)
+    nearer, other = two.first_along(x, -way, start, end, theirs)
+    cosines = np.einsum("sd,sd->s", two.facets.normals[other], normals)
+    facing &= (other < 0) | (cosines > -OPPOSITE) | (nearer > back)
+    deep = np.flatnonzero(facing & (segments.away < -start))
+    if len(deep):
+        half = OPPOSITE * end[deep]
+        middle = x[deep] + segments.away[deep, None] / 2 * normals[deep]
+        y, D, nearest = two.nearest(middle, half)
+        inward = -two.facets.normals[nearest]
+        _, other = one.first_along(y, inward, (1 - _BETWEEN) * D - start[deep], half)
+        same = np.einsum("sd,sd->s", two.facets.normals[theirs[deep]], inward) < -OPPOSITE
+        cosines = np.einsum("sd,sd->s", one.facets.normals[other], inward)
+        facing[deep] = (nearest < 0) | same | (other < 0) | (cosines < OPPOSITE)
+    return facing
 
 
 def soon_paired(first: FlatFacets, second: FlatFacets, reach: float) -> tuple[Numbers, Numbers]:
     """Pairs of facets that are or, after a short way, may be in :func:`cut`: those that overlap if
     they are larger by a fraction :data:`_SOON`, by facets of the first surface."""
     one, two = (side.grown(1 + _SOON) for side in (first, second))
-    i, j = near_pairs(one, two, reach)
+    limit = reach * (one.radii + two.radii.max(initial=0.0))
+    i, j = FacetTree(two).opposite(one, limit, limit, OPPOSITE)
     both = _both_projected(one, two, i, j)
     meet = np.unique((_intervals if first.corners.shape[2] == 2 else _polygons)(*both)[0])
     return i[meet], j[meet]
 
 
-def _limits(
-    first: FlatFacets, second: FlatFacets, i: Numbers, j: Numbers, reach: float
-) -> tuple[Array, Array]:
-    """Largest distance and largest overlap of facets ``i`` and ``j`` that are a pair (n,) [mm]."""
-    most = reach * np.maximum(first.radii[i], second.radii[j])
-    return most, np.minimum(most, _THROUGH * np.maximum(first.depths[i], second.depths[j]))
+def inside(facets: FlatFacets, body: FlatFacets, paired: Numbers, deepest: float) -> Array:
+    """How deep the middles of facets that have no partner are in another body, where none of its
+    facets nearby has one either, else 0 (n,) [mm].
 
-
-def passed(
-    first: FlatFacets, second: FlatFacets, before: tuple[FlatFacets, FlatFacets], reach: float
-) -> bool:
-    """Whether facets of the first surface are behind ones of the second one, too deep for a pair,
-    that they were before or near at the start.
+    A middle x is inside where the line back from it meets the surface from outside first. What
+    is there may be held by facets around: the side of a block is inside a floor that its bottom
+    presses. That is so where a facet with a partner is no farther away than twice D, the distance
+    of the surface, or twice the deepest overlap of pairs.
 
     Args:
-        first: Facets that have no partner now.
-        second: Those of the other surface.
-        before: Both at the start of the step, where they were paired or apart.
-        reach: As of :func:`cut`.
+        facets: Facets of one surface that have no partner.
+        body: The other surface.
+        paired: Its facets that have a partner.
+        deepest: The deepest overlap of pairs [mm].
     """
-    if not len(first.corners) or not len(second.corners):
+    x, N, tree = facets.centres, facets.normals, FacetTree(body)
+    size = np.concatenate([facets.radii, body.radii]).max(initial=0.0)
+    start, end = np.full(len(x), _ON * size), np.full(len(x), np.inf)
+    _, first = tree.first_along(x, -N, start, end)
+    deep = np.flatnonzero((first >= 0) & (np.einsum("fd,fd->f", body.normals[first], N) < 0))
+    depth = np.zeros(len(x))
+    _, depth[deep], _ = tree.nearest(x[deep])
+    deep = deep[depth[deep] > _BETWEEN * size]
+    held = FacetTree(body.rows(paired))
+    around = 2 * np.maximum(depth[deep], deepest)
+    alone = held.nearest(x[deep], around)[2] < 0
+    found = np.zeros(len(x))
+    found[deep[alone]] = depth[deep[alone]]
+    return found
+
+
+def passed(facets: FlatFacets, body: FlatFacets, before: tuple[FlatFacets, FlatFacets]) -> bool:
+    """Whether facets without a partner have gone through another body: the middle of one was in
+    front of its surface, crossed a facet on the straight way, seen from this facet, and is behind
+    one, not beside.
+
+    Args:
+        facets: Facets that have no partner now.
+        body: The other surface.
+        before: Both at the start of the step.
+    """
+    if not len(facets.corners) or not len(body.corners):
         return False
-    radius = max(first.radii.max(), second.radii.max())
-    ways = (
-        np.linalg.norm(now.centres - then.centres, axis=1).max()
-        for now, then in zip((first, second), before, strict=True)
+    moves = [now.centres - then.centres for now, then in zip((facets, body), before, strict=True)]
+    common = moves[1].mean(axis=0)
+    ways = sum(np.linalg.norm(move - common, axis=1).max() for move in moves)
+    trees = [scipy.spatial.cKDTree(side.centres) for side in (facets, body)]
+    near = trees[0].sparse_distance_matrix(trees[1], body.radii.max() + ways, output_type="ndarray")
+    i, j = near["i"], near["j"]
+    opposite = np.einsum("pd,pd->p", facets.normals[i], body.normals[j]) < -OPPOSITE
+    i, j = i[opposite], j[opposite]
+    axes, places, heights = plane_axes(body)[j], [], []
+    for one, two in (before, (facets, body)):
+        way = one.centres[i] - two.centres[j]
+        heights.append(np.einsum("pd,pd->p", way, two.normals[j]))
+        places.append(np.einsum("pkd,pd->pk", plane_axes(two)[j], way))
+    through = (heights[0] > 0) & (heights[1] < 0)
+    share = (heights[0] / np.where(through, heights[0] - heights[1], 1.0))[:, None]
+    crossed = (1 - share) * places[0] + share * places[1]
+    facet = _projected(body.corners[j], body.centres[j], axes)
+    count = len(facets.corners)
+    crosses, behind = (
+        np.bincount(i[through & _contain(facet, at)], minlength=count)
+        for at in (crossed, places[1])
     )
-    i, j = _opposite(first, second, (1 + reach) * radius + sum(ways))
-    way, then = first.centres[i] - second.centres[j], before[0].centres[i] - before[1].centres[j]
-    depth = -np.einsum("pd,pd->p", way, second.normals[j])
-    start = -np.einsum("pd,pd->p", then, before[1].normals[j])
-    aside = np.linalg.norm(way + depth[:, None] * second.normals[j], axis=1)
-    _, deepest = _limits(first, second, i, j, reach)
-    there = (aside <= second.radii[j]) & (depth > deepest)
-    return bool((there & (start <= deepest)).any())
+    return bool(((crosses > 0) & (behind > 0)).any())
 
 
-def _nearest(segments: Segments, away: Array, measures: Array) -> NDArray[np.bool_]:
-    """Which segments remain if every facet of the first surface, with its measure, is covered once,
-    by those at the least distance (n,)."""
-    order = np.lexsort((away, segments.first))
-    covered = np.cumsum(segments.measures[order])
-    facet = segments.first[order]
-    begins = np.flatnonzero(np.diff(facet, prepend=-1))
-    before = covered - segments.measures[order]
-    before -= np.repeat(before[begins], np.diff(np.append(begins, len(facet))))
-    kept = np.zeros(len(facet), dtype=bool)
-    kept[order] = before < (1 - _COVERED) * measures[facet]
-    return kept
+def _contain(polygons: Array, points: Array) -> NDArray[np.bool_]:
+    """Whether convex polygons or intervals (n, c, d - 1) contain points (n, d - 1)."""
+    if points.shape[1] == 1:
+        return (polygons.min(axis=1) <= points).all(axis=1) & (points <= polygons.max(axis=1)).all(
+            axis=1
+        )
+    polygons = _counterclockwise(polygons)
+    outward = np.einsum("nkd,nkd->nk", _side_normals(polygons), points[:, None] - polygons)
+    return (outward <= 0).all(axis=1)
 
 
 def plane_axes(facets: FlatFacets) -> Array:
@@ -284,34 +364,6 @@ def _measures(corners: Array) -> Array:
         return corners[:, 1, 0] - corners[:, 0, 0]
     x, y = np.moveaxis(corners - corners[:, :1], 2, 0)
     return (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1) / 2
-
-
-def near_pairs(first: FlatFacets, second: FlatFacets, reach: float) -> tuple[Numbers, Numbers]:
-    """Pairs of facets with opposite normals whose spheres are no farther apart than the radius of
-    the larger one times ``reach``, and meet in the plane of the first."""
-    if not len(first.corners) or not len(second.corners):
-        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
-    one, two = first.radii, second.radii
-    largest = max(one.max(), two.max())
-    i, j = _opposite(first, second, one.max() + two.max() + reach * largest)
-    way, both = second.centres[j] - first.centres[i], one[i] + two[j]
-    apart = np.einsum("pd,pd->p", way, way)
-    along = np.einsum("pd,pd->p", way, first.normals[i])
-    meet = apart <= (both + reach * np.maximum(one[i], two[j])) ** 2
-    meet &= apart - along**2 <= both**2
-    return i[meet], j[meet]
-
-
-def _opposite(first: FlatFacets, second: FlatFacets, most: float) -> tuple[Numbers, Numbers]:
-    """Pairs of facets with opposite normals whose centres are no farther apart than ``most``, by
-    facets of the first surface."""
-    trees = [scipy.spatial.cKDTree(side.centres) for side in (first, second)]
-    near = trees[0].sparse_distance_matrix(trees[1], most, output_type="ndarray")
-    i, j = near["i"], near["j"]
-    keep = np.einsum("pd,pd->p", first.normals[i], second.normals[j]) < -OPPOSITE
-    i, j = i[keep], j[keep]
-    order = np.lexsort((j, i))
-    return i[order], j[order]
 
 
 def _intervals(one: Array, two: Array) -> tuple[Numbers, Array]:

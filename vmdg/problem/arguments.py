@@ -39,9 +39,6 @@ RESIDUALS = SYMBOLIC, "points"
 KINEMATICS = ("finite", "small")
 GENERALIZED = "generalized strain"
 PLANES = ("strain", GENERALIZED, "stress")
-#: Fraction of a facet in pairs with others above which some part of it is in two: next to a kink of
-#: a curved surface it may exceed 1 a little.
-TWICE = 1.5
 #: Stress at F = I relative to the moduli that counts as rounding.
 RESTS = 1e-9
 
@@ -425,28 +422,24 @@ def check_pairs(facets: Sequence[InterfaceFacets], others: Mapping[str, bool]) -
 
 
 def check_overlap(mesh: Mesh, facets: Sequence[InterfaceFacets]) -> None:
-    """Check that every facet belongs to one interface, or each part of it that lies opposite a
-    mesh that does not match; collective.
+    """Check that every facet belongs to one interface, or two of them that lie opposite each other;
+    collective.
 
     Raises:
-        ValueError: a facet belongs to two.
+        ValueError: a facet belongs to two, or a pair of facets.
     """
-    taken = np.full(len(facet_cells(mesh)), -1)
-    covered, message = np.zeros(len(taken)), None
+    taken, message = np.full(len(facet_cells(mesh)), -1), None
+    paired: list[PairedFacets] = []
     for number, selected in enumerate(facets):
         if isinstance(selected, PairedFacets):
-            if selected.slides:
-                continue
-            for side, share in zip(
-                (selected.facets, selected.others), selected.shares.T, strict=True
-            ):
-                covered += np.bincount(side, share, minlength=len(covered))
-            twice = np.flatnonzero(covered > TWICE)
-            if len(twice) and message is None:
-                message = (
-                    f"facet {twice[0]} belongs twice to {selected.label}, or to it and to another "
-                    "interface; give every part of a surface one interface"
-                )
+            for other in paired:
+                if len(twice := selected.shared(other)) and message is None:
+                    message = (
+                        f"{other.label} and {selected.label} both join or separate facets "
+                        f"{twice[0, 0]} and {twice[0, 1]}; give two surfaces that lie opposite "
+                        "each other one interface"
+                    )
+            paired.append(selected)
             continue
         twice = selected.everywhere[taken[selected.everywhere] >= 0]
         if len(twice) and message is None:
