@@ -58,12 +58,12 @@ def assert_same(comm, first, second, rel=1e-9):
         assert global_max(comm, np.abs(one - other).max(initial=0.0)) <= rel * size
 
 
-def assert_same_path(comm, make, loads) -> tuple[vmdg.Result, vmdg.Result]:
-    """Problems end in the same state with both systems; the runs."""
+def assert_same_path(comm, make, loads, most=1) -> tuple[vmdg.Result, vmdg.Result]:
+    """Problems end in the same state with both systems, the bodies factorized so often; the runs."""
     assembled, off = run(make(), loads, False)
     condensed, on = run(make(), loads, True)
     assert_same(comm, assembled, condensed)
-    assert on.counts.factorizations == 1
+    assert 1 <= on.counts.factorizations <= most
     assert on.counts.condensed > 0
     assert off.counts.condensed == 0
     return off, on
@@ -71,8 +71,12 @@ def assert_same_path(comm, make, loads) -> tuple[vmdg.Result, vmdg.Result]:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_same_path(comm, law):
-    """For every law, with the same corrections but for one where the goal is just met."""
-    off, on = assert_same_path(comm, lambda: sheared(comm, "quadrilateral", law=LAWS[law]), TEN)
+    """For every law, with the same corrections but for one where the goal is just met.
+
+    Contact that opens is left out of the bodies' factors, and taken in where it closes.
+    """
+    make, most = lambda: sheared(comm, "quadrilateral", law=LAWS[law]), 3 if law == "contact" else 1
+    off, on = assert_same_path(comm, make, TEN, most)
     assert np.abs(off.history["iterations"] - on.history["iterations"]).max() <= 1
 
 

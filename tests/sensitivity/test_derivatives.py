@@ -216,6 +216,21 @@ def test_relative_support(comm, kinematics):
 
 
 @pytest.mark.parametrize("kinematics", ["small", "finite"])
+def test_contact_that_closes(comm, kinematics):
+    """Facets that are left out while they are open, in strained cells, and rub once they close."""
+
+    def build(values):
+        problem, monitor = blocks_of(
+            comm, values, vmdg.Contact, n=2, move="both", kinematics=kinematics
+        )
+        problem.body_force(lambda x, t: t * np.array([90 * x[1], 60 * x[0]]), 1)
+        return problem, monitor
+
+    values = {"bond.friction": 0.3, "1.E": 5000.0, "1.nu": 0.25}
+    assert worst(build, values, control="load") < 1e-6
+
+
+@pytest.mark.parametrize("kinematics", ["small", "finite"])
 def test_meshes_that_do_not_match(comm, kinematics):
     """Three facets on four."""
 

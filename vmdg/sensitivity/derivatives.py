@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from ..assembly.discretization import interface_forces
 from ..base.parallel import global_any, global_sum
 from ..base.timers import timer
+from ..interface.active import ActiveInterface
 from ..interface.history import InterfaceSnapshot, PointHistory
 from ..interface.points import PointValues
 from ..interface.return_map import Trial
@@ -244,7 +245,8 @@ class Derivatives:
         given: Sequence[Trial],
     ) -> _Partial:
         """Rates at fixed displacement and load factor."""
-        histories = [one.history for one in last.interfaces]
+        ends = zip(self._actives, self._problem.step.start.interfaces, last.interfaces, strict=True)
+        histories = [_history(*known) for known in ends]
         changes = any(
             array.any()
             for one in stabilizations
@@ -316,3 +318,17 @@ class Derivatives:
     ) -> dict[str, float]:
         """Derivatives of a row of the history, see :meth:`.Rows.columns`."""
         return self._rows.columns(row, watched, energies)
+
+
+def _history(
+    active: ActiveInterface, start: InterfaceSnapshot, rate: InterfaceSnapshot
+) -> PointHistory:
+    """Rates of the history in a step: where a facet is left out at its start zeta = R^T.g."""
+    if not active.lets_go:
+        return rate.history
+    let_go = (active.history.gap != start.history.gap).any(axis=1, keepdims=True)
+    opening, R = rate.values.opening, start.values.rotation
+    if R is not None:
+        turned = np.einsum("pji,pj->pi", rate.values.rotation, start.values.opening)
+        opening = turned + np.einsum("pji,pj->pi", R, opening)
+    return replace(rate.history, gap=np.where(let_go, opening, rate.history.gap))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..assembly.discretization import stabilization_anew
 from ..base.parallel import global_any
+from ..interface.active import ActiveInterface
 from ..interface.stabilization import Stabilization
 from ..problem.problem import Problem
 from ..problem.states import Rate
@@ -59,7 +60,7 @@ class StabilizationRates:
         """
         before = [[one.stabilization for one in rate.interfaces] for rate in rates]
         if self._parts.constant_stabilization:
-            return before
+            return [list(map(_in_forms, self._actives, one)) for one in before]
         start, applied = self._problem.step.start, [one.stabilization for one in self._actives]
         floors = [one.stabilization.norm for one in start.interfaces]
         # Elsewhere r is its lower bound.
@@ -82,7 +83,7 @@ class StabilizationRates:
         loading.move(t)
         self._parts.update_means(pressure=True)
         return [
-            [_where_own(*known) for known in zip(end, applied, last, strict=True)]
+            list(map(_in_forms, self._actives, map(_where_own, end, applied, last)))
             for end, last in zip(ends, before, strict=True)
         ]
 
@@ -118,3 +119,12 @@ def _where_own(near: Stabilization, here: Stabilization, last: Stabilization) ->
         mask = own.reshape(-1, *[1] * (values.ndim - 1))
         rows[name] = np.where(mask, values, getattr(last, name))
     return replace(rate, **rows)
+
+
+def _in_forms(active: ActiveInterface, rate: Stabilization) -> Stabilization:
+    """With the rates of the flux weights of facets that are not left out, and no others."""
+    if not active.lets_go:
+        return rate
+    weights = active.stabilizer.flux_weights(rate.delta)
+    out = active.stabilization.left_out[:, None, None, None]
+    return replace(rate, weights=np.where(out, 0.0, weights))
