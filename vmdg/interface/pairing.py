@@ -94,13 +94,14 @@ class Surface(NamedTuple):
         facets: Local facets, ascending (n,): owned ones of side 1, all of side 2.
         cells: Their cells (n,).
         local: Their numbers in these (n,).
-        ends: Whether they are at a sharp edge or at the end of the surface, see :func:`_ends` (n,).
+        ends: Distances from a sharp edge or an end of the surface, see :func:`_with_ends` (n,)
+            [mm].
     """
 
     facets: NDArray[np.int32]
     cells: NDArray[np.int32]
     local: NDArray[np.int32]
-    ends: NDArray[np.bool_]
+    ends: NDArray[np.float64]
 
     def owned(self, mesh: Mesh) -> Surface:
         """The facets that this rank owns."""
@@ -357,7 +358,7 @@ class PairedFacets(InterfaceFacets):
         if not surfaces.gaps or (surfaces.law.has_bond and not surfaces.slides):
             return np.zeros(len(self.facets), dtype=bool)
         one, two = (side.ends for side in surfaces.sides)
-        leads = one[self.segments.first] & ~two[self.segments.second]
+        leads = one[self.segments.first] < (1 - _ROUNDING) * two[self.segments.second]
         leads[: self.bonded] = False
         return leads
 
@@ -458,7 +459,7 @@ def place(
     surfaces = [f[a > _ROUNDING * m] for f, a, m in zip(surfaces, off, far, strict=True)]
     _check_whole(mesh, surfaces, interface, label)
     one, two = (_surface(mesh, facets) for facets in surfaces)
-    one, two = _ends(mesh, one, two), _ends(mesh, two, one)
+    one, two = _with_ends(mesh, one, two), _with_ends(mesh, two, one)
     if interface.sliding and interface.surfaces is None and stiffness is not None:
         # Means differ by rounding from rank to rank.
         first = comm.bcast(_before(mesh, one, two, stiffness))
@@ -577,13 +578,13 @@ def _check_whole(
 def _surface(mesh: Mesh, facets: NDArray[np.int32]) -> Surface:
     """Boundary facets with their cells."""
     cells = facet_cells(mesh)[facets, 0]
-    ends = np.zeros(len(facets), dtype=bool)
+    ends = np.full(len(facets), np.inf)
     return Surface(facets, cells, local_facets(mesh, cells, facets), ends)
 
 
-def _ends(mesh: Mesh, surface: Surface, other: Surface) -> Surface:
-    """The surface with its facets at sharp edges and at its ends marked: those less than the
-    largest facet of the other one away, which may be paired with one that the edge covers in part.
+def _with_ends(mesh: Mesh, surface: Surface, other: Surface) -> Surface:
+    """The surface with the distances of its facets from its sharp edges and ends; infinite from the
+    size of the largest facet of the other one on, which the edge may cover in part.
 
     An edge is sharp where it is convex and turns by more than facets of a pair may.
     """
@@ -609,7 +610,8 @@ def _ends(mesh: Mesh, surface: Surface, other: Surface) -> Surface:
     x = mesh.geometry.x
     edges = scipy.spatial.cKDTree(x[np.unique(sides[sharp])])
     reach = 2 * _flat_facets(mesh, other, None).radii.max() * (1 - _ROUNDING)
-    return surface._replace(ends=(edges.query(x[corners])[0] < reach).any(axis=1))
+    ends = edges.query(x[corners])[0].min(axis=1)
+    return surface._replace(ends=np.where(ends < reach, ends, np.inf))
 
 
 def _corner_nodes(mesh: Mesh, surface: Surface) -> NDArray[np.int32]:
