@@ -120,6 +120,8 @@ class Ledger:
                 None in statics [N].
             damped: This rank's work of viscous forces [N mm].
         """
+        for active in self.discretization.active.values():
+            active.settle()
         if inertia is None:
             work, charged, within = self._external_work()
             added = self._start.added + self._relaxed()
