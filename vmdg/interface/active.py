@@ -357,6 +357,10 @@ class ActiveInterface:
             bonded = self.history.softening < self.law.strength
             self._overstress_modulus = overstress * self.law.softening_modulus * bonded
 
+    def settle(self) -> None:
+        """Before the works of a step: the tractions that points had at its start, where surfaces
+        slide; collective."""
+
     def commit(self) -> None:
         """Accept the last return map as the converged history."""
         self.history = self.history.after(self.values.update)

@@ -174,8 +174,9 @@ class CommittedPoints:
         normal: Of side 1 (nq, d).
         elastic: s in the frame of the law (nq, d) [mm].
         history: Of the points.
-        everywhere: X, normal of side 1, and traction in the frame of the law [MPa] of the points of
-            all ranks (n, d).
+        both: X on both sides of the points of all ranks (n, d) [mm].
+        normals: Of side 1, of these (n, d).
+        tractions: Of these, in the frame of the law (n, d) [MPa].
         pressed: Integral of the pressure over all ranks [N; N/mm in plane strain].
     """
 
@@ -185,7 +186,9 @@ class CommittedPoints:
     normal: Array
     elastic: Array
     history: PointHistory
-    everywhere: tuple[Array, Array, Array]
+    both: tuple[Array, Array]
+    normals: Array
+    tractions: Array
     pressed: float
 
     @cached_property
@@ -194,9 +197,10 @@ class CommittedPoints:
         return scipy.spatial.cKDTree(self.places)
 
     @cached_property
-    def nearby(self) -> scipy.spatial.cKDTree:
-        """For the nearest of the points on any facet of any rank."""
-        return scipy.spatial.cKDTree(self.everywhere[0])
+    def nearby(self) -> tuple[scipy.spatial.cKDTree, scipy.spatial.cKDTree]:
+        """For the nearest of the points on any facet of any rank, by X on either side."""
+        one, two = map(scipy.spatial.cKDTree, self.both)
+        return one, two
 
 
 class MovingPairs(NamedTuple):
@@ -358,14 +362,8 @@ class MovingInterface(ActiveInterface):
             gap[same] -= turned(before.elastic[at], *turn)
             normal[same] = np.einsum("pi,pi->p", old.gap[at], turn[0])
             mode[same] = old.mode[at]
-        if before is not None and len(before.everywhere[0]):
-            # For the works of the step: a facet that had no partner counts as loaded like those
-            # nearby, and the sum of the pressures stays as it was.
-            nearby = before.nearby.query(q.points[:, :d])[1]
-            _, normals, tractions = before.everywhere
-            traction = turned(tractions[nearby], normals[nearby], N)
-            pressed = self._pressed(traction)
-            traction *= before.pressed / pressed if pressed > 0 else 1.0
+        if before is not None and len(before.normals):
+            traction = self._carried_traction(before, 0)
         along = np.einsum("pi,pi->p", gap, N)
         gap += (np.maximum(normal, 0.0) - along)[:, None] * N
         found = PointHistory(gap, softening, mode, traction)
@@ -445,6 +443,45 @@ class MovingInterface(ActiveInterface):
         """See the base class; by the pairs of the reference configuration."""
         return self._area.whole
 
+    def settle(self) -> None:
+        """See the base class.
+
+        Where contact travels along a surface, its tractions go with the other one: a block that is
+        drawn over a base has the pressure of its own points, wherever these are. T of the start is
+        that of the surface with which it is closer to T of the end, int |T_n - T_n+1| dA; where it
+        presses the gap was closed.
+        """
+        before, update, q = self._committed, self.values.update, self.quadrature
+        if before is None or update is None or not len(before.normals):
+            return
+        found = [self._carried_traction(before, side) for side in range(2)]
+        misses = [q.weights @ np.linalg.norm(T - update.traction, axis=1) for T in found]
+        one, two = global_sum(self._comm, misses)
+        T, gap, bonded = found[int(two < one)], self.history.gap.copy(), q.kept
+        T[bonded] = self.history.traction[bonded]
+        pressed = np.einsum("pi,pi->p", T, q.normal) < 0
+        pressed[bonded] = False
+        N = q.normal[pressed]
+        gap[pressed] -= np.einsum("pi,pi->p", gap[pressed], N)[:, None] * N
+        self.history = replace(self.history, traction=T, gap=gap)
+
+    def _carried_traction(self, before: CommittedPoints, side: int) -> Array:
+        """T of the nearest points on one side at the start of the step, turned to the present
+        normals, for points without a bond; collective.
+
+        A facet that had no partner counts as loaded like those nearby, and the sum of the pressures
+        stays as it was.
+        """
+        nearby = before.nearby[side].query(self._both_places()[side])[1]
+        T = turned(before.tractions[nearby], before.normals[nearby], self.quadrature.normal)
+        pressed = self._pressed(T)
+        return T * (before.pressed / pressed if pressed > 0 else 1.0)
+
+    def _both_places(self) -> tuple[Array, Array]:
+        """X on both sides of the points (nq, d) [mm]."""
+        X = self.quadrature.points[:, : self.quadrature.d]
+        return X, X + self.quadrature.distance
+
     def state(self) -> InterfaceState:
         """Public values at the points, and in the middle of what has lost its partner."""
         return joined([super().state(), self._area.parted(self.quadrature, self._u)])
@@ -465,9 +502,10 @@ class MovingInterface(ActiveInterface):
     def _remember(self, s: Array) -> None:
         """Keep the points with their history and s as those of the end of a step; collective."""
         q, T = self.quadrature, self.history.traction
-        everywhere = tuple(gathered(self._comm, x) for x in (q.points[:, : q.d], q.normal, T))
+        X = tuple(gathered(self._comm, x) for x in self._both_places())
+        everywhere = X, gathered(self._comm, q.normal), gathered(self._comm, T)
         given = self._u.x.array.copy(), self._places(), self._first(), q.normal, s, self.history
-        self._committed = CommittedPoints(*given, everywhere, self._pressed(T))
+        self._committed = CommittedPoints(*given, *everywhere, self._pressed(T))
 
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""

@@ -130,6 +130,8 @@ class Ledger:
         Args:
             motion: Works of a step in time; None in statics.
         """
+        for active in self.discretization.active.values():
+            active.settle()
         if motion is None:
             work, charged, within = self._external_work()
             added = self._start.added + self._relaxed()
