@@ -229,6 +229,28 @@ def test_slip_that_turns_back_sticks_then_follows_the_spring():
     )
 
 
+@EVERY_LAW
+def test_what_friction_holds_at_the_largest_gap_is_not_damaged(make):
+    """A point that sticks on its way back keeps Q to the last bit, in any direction of slip."""
+    law, n = make(MU), 500
+    r = np.full(n, 3.0 * law.softening_modulus)
+    angles, slips = np.linspace(0.1, 6.0, n), np.linspace(0.3, 0.5, n) / law.softening_modulus
+    pressure = PRESSURE * (1.0 + np.sin(97.0 * angles) / 2)[:, None]
+    normal = np.column_stack([np.cos(angles), np.sin(angles)])
+    along = normal[:, ::-1] * [-1.0, 1.0]
+    gap, softening = np.zeros((n, 2)), np.zeros(n)
+    for share in (0.5, 0.8, 1.0):
+        slip = share * slips * law.in_shear.strength
+        load = -pressure * normal + (r * slip + law.in_shear.strength)[:, None] * along
+        there = law.return_map(load - r[:, None] * gap, normal, gap, softening, r)
+        gap, softening = there.gap, there.softening
+    assert (softening > 0).all()
+    back = law.return_map(there.traction - 0.1 * along, normal, there.gap, there.softening, r)
+    assert np.array_equal(back.softening, there.softening)
+    assert np.allclose(back.gap, there.gap, rtol=0, atol=1e-15)
+    assert not back.damage_work.any()
+
+
 def test_wrong_options_are_refused():
     with pytest.raises(ValueError, match="unloading = 'elastic': must be one of"):
         Debonding(P_N, 0.02, unloading="elastic")
