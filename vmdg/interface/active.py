@@ -22,7 +22,7 @@ from .fluid import Fluid
 from .frame import TurningTangent
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
 from .interface import Interface
-from .pair_quadrature import PairQuadrature
+from .pair_quadrature import NO_GAP, PairQuadrature
 from .pairing import PairedFacets
 from .point_residual import PointResidual
 from .points import InterfaceState, PointValues, joined, rows_of
@@ -43,13 +43,14 @@ def _quadrature(
 class ActiveInterface:
     """An interface with its open facets and the state of their points.
 
-    Contact at open points, T = 0, leaves -|{P.N}|^2/(2r) of (30): zero for the solution, but for
+    Open points without a bond, T = 0, leave -|{P.N}|^2/(2r) of (30): zero for the solution, but for
     its approximation the body would be softer near another one that it does not touch. The facets
-    where all points are open at the start of a step are left out: with zero flux weights zeta = g
-    makes T = s = 0, and no term remains. A facet is taken in, with its weights, in the first
-    iteration in which one of its points closes with them, and then for the whole step: a decision
-    by every state would alternate where -|{P.N}|^2/(2r) itself closes the gap. As s = 0 at its
-    start, both forms have one energy there, and the energy of the step is that with the facet.
+    where all points are so at the start of a step, or in an iteration of a step from rest, are left
+    out: with zero flux weights zeta = g makes T = s = 0, and no term remains. A facet is taken in,
+    with its weights, in the first iteration in which one of its points closes with them, and then
+    for the whole step: a decision by every state would alternate where -|{P.N}|^2/(2r) itself
+    closes the gap. As s = 0 at its start, both forms have one energy there, and the energy of the
+    step is that with the facet.
 
     Args:
         interface: The user's description.
@@ -98,6 +99,8 @@ class ActiveInterface:
         self._resumed: NDArray[np.float64] | None = None
         self._overstress_modulus: NDArray[np.float64] | None = None
         self._cycles: NDArray[np.float64] | None = None
+        # Whether the step starts from undeformed bodies; facets that were taken in during it.
+        self._at_rest, self._kept = False, np.zeros(0, dtype=np.intp)
 
     def _make_stabilizer(self) -> Stabilizer:
         return Stabilizer(self.interface, self.quadrature, self._u, self._bodies)
@@ -140,22 +143,23 @@ class ActiveInterface:
 
     @property
     def lets_go(self) -> bool:
-        """Whether open facets are left out: without a bond, and without a fluid to push them."""
-        law = self.interface.law
-        bare = law.inelastic and not law.has_bond
-        return bare and self.fluid is None and not self.interface.traction_jump
+        """Whether open facets are left out: where a law can fail, without a fluid to push them."""
+        bare = self.fluid is None and not self.interface.traction_jump
+        return bare and self.interface.law.inelastic
 
     def _leave_out_open(self) -> float:
         """Leave out the facets that are open everywhere, with zeta = g; the resulting change of the
         energy (30) at this rank's points [N mm; N in plane strain]."""
-        q, r, trial = self.quadrature, self.stabilization.norm, self.trial()
-        idle = ~self.history.traction.any(axis=1)
-        R = np.eye(q.d)[None] if trial.R is None else trial.R
-        out = np.ones(len(r), dtype=bool)
-        out[q.facet[~(idle & _apart(trial))]] = False
+        q, r, out = self.quadrature, self.stabilization.norm, self._idle()
+        self._at_rest, self._kept = not self._u.x.array.any(), self._labels[:0]
+        if self._at_rest or not out.any():
+            return 0.0
+        trial = self.trial()
+        out[q.facet[self._widths(trial) <= 0]] = False
         self._leave_out(out)
         if not out.any():
             return 0.0
+        R = np.eye(q.d)[None] if trial.R is None else trial.R
         rows = out[q.facet]
         r, s = r[q.facet, None], self.values.elastic_opening
         flux = trial.total - r * trial.opening
@@ -177,6 +181,28 @@ class ActiveInterface:
         weights = self.stabilizer.flux_weights(self.stabilization.delta)
         weights = np.where(out[:, None, None, None], 0.0, weights)
         self.stabilization = replace(self.stabilization, weights=weights)
+
+    @property
+    def _labels(self) -> NDArray[np.intp]:
+        """Numbers of the facets, the same in all iterations (nf,)."""
+        return np.arange(len(self.facets.facets))
+
+    def _idle(self) -> NDArray[np.bool_]:
+        """Facets whose points all have neither a bond nor a traction at the start of the step."""
+        points = ~self.history.traction.any(axis=1)
+        if self.law.has_bond:
+            points &= self.history.softening >= self.law.strength
+        facets = np.ones(len(self.facets.facets), dtype=bool)
+        facets[self.quadrature.facet[~points]] = False
+        return facets
+
+    def _widths(self, trial: Trial) -> NDArray[np.float64]:
+        """Normal openings with or without the fluxes, whichever is smaller (nq,) [mm]; zero where
+        they are rounding."""
+        normal = trial.N if trial.R is None else apply(trial.R, trial.N)
+        width = np.minimum(dot(trial.total, normal) / trial.r, dot(trial.opening, normal))
+        rounding = NO_GAP * self.quadrature.extent[self.quadrature.facet]
+        return np.where(np.abs(width) <= rounding, 0.0, width)
 
     def _open_gaps(self, gap: NDArray[np.float64], rows: NDArray[np.bool_]) -> None:
         """Set zeta of the history (nq, d) [mm], with s = 0 at some points (nq,)."""
@@ -253,9 +279,17 @@ class ActiveInterface:
         if out.any():
             known = replace(known, weights=self.stabilizer.flux_weights(known.delta))
         trial = self._return_map.trial(known, self.history, self._overstress_modulus, self._cycles)
+        if closes and self._at_rest and self.lets_go:
+            opened = self._idle() & ~np.isin(self._labels, self._kept)
+            opened[q.facet[self._widths(trial) <= 0]] = False
+            if (opened & ~out).any():
+                out |= opened
+                self._leave_out(out)
         if not out.any():
             return trial
-        if closes and (closed := out[q.facet] & ~_apart(trial)).any():
+        if closes and (closed := out[q.facet] & (self._widths(trial) < 0)).any():
+            labels = self._labels[q.facet[closed]]
+            self._kept = np.union1d(self._kept, labels)
             out[q.facet[closed]] = False
             self._leave_out(out)
         alone = trial.r[:, None] * trial.opening
@@ -517,12 +551,6 @@ def recoverable_energy(active: ActiveInterface) -> float:
         return 0.0
     history, q = active.history, active.quadrature
     return float(q.weights @ active.law.stored_energy(history.gap, q.normal, history.softening))
-
-
-def _apart(trial: Trial) -> NDArray[np.bool_]:
-    """Points that are open with and without their fluxes (nq,)."""
-    normal = trial.N if trial.R is None else apply(trial.R, trial.N)
-    return np.minimum(dot(trial.total, normal), dot(trial.opening, normal)) > 0
 
 
 def _starts_apart(active: ActiveInterface) -> bool:

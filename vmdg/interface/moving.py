@@ -265,7 +265,7 @@ class MovingInterface(ActiveInterface):
 
     def couple(self) -> bool:
         """See the base class."""
-        if np.isin(self._numbers(self._rows), self._numbers(self._near)).all():
+        if np.isin(self._labels, self._numbers(self._near)).all():
             return False
         near = [self.facets.surfaces.near(self._u), self._rows]
         self._near = np.unique(np.concatenate(near), axis=0)
@@ -275,6 +275,10 @@ class MovingInterface(ActiveInterface):
     def _rows(self) -> NDArray[np.intp]:
         """Rows of the two surfaces of all pairs (ns, 2)."""
         return np.column_stack([self.facets.segments.first, self.facets.segments.second])
+
+    @property
+    def _labels(self) -> NDArray[np.intp]:
+        return self._numbers(self._rows)
 
     def _numbers(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         return rows[:, 0] * len(self.facets.surfaces.sides[1].facets) + rows[:, 1]
@@ -310,13 +314,13 @@ class MovingInterface(ActiveInterface):
             known = self.stabilizer.of_pairs(self.stabilization.surfaces, facets)
             self.stabilization = replace(known, taken_in=taken_in)
             if taken_in is not None:
-                self._leave_out(~np.isin(self._numbers(self._rows), taken_in))
+                self._leave_out(~np.isin(self._labels, taken_in))
 
     def _leave_out(self, out: NDArray[np.bool_]) -> None:
         super()._leave_out(out)
-        known, taken_in = self.stabilization, self._numbers(self._rows)[~out]
+        known, taken_in = self.stabilization, self._labels[~out]
         assert isinstance(known, PairStabilization)
-        if known.taken_in is not None:  # others may come back in this step
+        if known.taken_in is not None and not self._at_rest:  # others may come back in this step
             taken_in = np.union1d(known.taken_in, taken_in)
         self.stabilization = replace(known, taken_in=taken_in)
 

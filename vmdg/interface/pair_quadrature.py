@@ -30,8 +30,8 @@ _KINDS = {
 #: Room for points of surfaces that slide, relative to their number, and least number.
 _ROOM, _FEW = 2.0, 64
 
-#: Initial gaps below this, relative to the facet, are rounding.
-_NO_GAP = 1e-10
+#: Gaps below this, relative to the facet, are rounding.
+NO_GAP = 1e-10
 
 #: Area at a point, relative to the largest one of its segment, below which it is rounding.
 _FLAT = 1e-12
@@ -193,7 +193,7 @@ class PairQuadrature(InterfaceQuadrature):
             if facets.surfaces.law.has_bond:
                 self.initial_gap = np.where(bonded, gap, 0.0)
         else:
-            large = np.abs(gap).max(initial=0.0) > _NO_GAP * self.extent.max(initial=0.0)
+            large = np.abs(gap).max(initial=0.0) > NO_GAP * self.extent.max(initial=0.0)
             # Frames and forms are the same on all ranks, and in all states.
             if self.initial_gap is not None or global_any(self.mesh.comm, large):
                 self.initial_gap = gap
