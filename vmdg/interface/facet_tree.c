@@ -71,12 +71,16 @@ static int meets(const facet f, const vector x, const vector way, double* t)
 #endif
 }
 
-/* Whether x + t way, low < t < high, meets a box. */
+/* Whether x + t way, low < t < high, meets a box; first, without a division, whether its own box does. */
 static int enters(const vector bottom, const vector top, const vector x, const vector way, double low,
                   double high)
 {
-  if (!(bottom[0] <= top[0]))
-    return 0;
+  for (int i = 0; i < DIM; ++i)
+  {
+    double a = x[i] + low * way[i], b = x[i] + high * way[i];
+    if ((a < bottom[i] && b < bottom[i]) || (a > top[i] && b > top[i]) || !(bottom[i] <= top[i]))
+      return 0;
+  }
   for (int i = 0; i < DIM; ++i)
   {
     if (way[i] == 0)
@@ -86,10 +90,13 @@ static int enters(const vector bottom, const vector top, const vector x, const v
       continue;
     }
     double a = (bottom[i] - x[i]) / way[i], b = (top[i] - x[i]) / way[i];
-    low = fmax(low, fmin(a, b));
-    high = fmin(high, fmax(a, b));
+    double first = a < b ? a : b, last = a < b ? b : a;
+    low = first > low ? first : low;
+    high = last < high ? last : high;
+    if (low > high)
+      return 0;
   }
-  return low <= high;
+  return 1;
 }
 
 /* The first facets along lines x + t way, from t = start to t = end, but those to `skip`: t, and the
@@ -230,12 +237,12 @@ void nearest(long count, const vector x[], const double most[], const long leave
 }
 
 /* Facets whose normals are opposite, n.n < -`opposite`, to those of others with centres x, normals and
-   radii, whose spheres are not beside each other seen along these normals, and no farther than
+   radii, whose spheres, as those around nodes, radius -1 for none, are not beside each other seen along these normals, and no farther than
    `ahead` along them or `behind`: numbers of the others, and, if `starts` is given, the facets, those of n
    from starts[n] on. */
 void opposite(long count, const vector x[], const vector normals[], const double radii[],
               const double ahead[], const double behind[], const double angle[1], const long leaves[1],
-              const vector bottom[], const vector top[], const long order[], const vector centres[],
+              const vector middles[], const double around[], const long order[], const vector centres[],
               const vector others[], const double sizes[], const long starts[], long numbers[],
               long found[])
 {
@@ -251,14 +258,10 @@ void opposite(long count, const vector x[], const vector normals[], const double
       double radius;
       if (leaf < 0)
       {
-        if (!(bottom[k][0] <= top[k][0]))
+        if (!(around[k] >= 0))
           continue;
-        for (int i = 0; i < DIM; ++i)
-        {
-          middle[i] = (bottom[k][i] + top[k][i]) / 2 - x[n][i];
-          half[i] = (top[k][i] - bottom[k][i]) / 2;
-        }
-        radius = sqrt(dot(half, half));
+        minus(middles[k], x[n], middle);
+        radius = around[k];
       }
       else
       {

@@ -49,7 +49,8 @@ class FacetTree:
         self._order = np.full(self._leaves, -1, dtype=np.int64)
         self._order[:count] = np.argsort(_morton(facets.centres), kind="stable")
         room = _ROUNDING * np.abs(corners).max(initial=0.0)
-        ends = np.full((2, 2 * self._leaves - 1, d), np.inf)
+        # For none, boxes from the largest to the smallest number.
+        ends = np.full((2, 2 * self._leaves - 1, d), np.finfo(float).max / 4)
         ordered = corners[self._order[:count]]
         first = self._leaves - 1
         ends[0, first : first + count] = ordered.min(axis=1) - room
@@ -59,6 +60,11 @@ class FacetTree:
             below = ends[:, 2 * start + 1 : 4 * start + 3]
             ends[:, start : 2 * start + 1] = np.minimum(below[:, ::2], below[:, 1::2])
         self._tree = np.array([self._leaves]), ends[0], -ends[1], self._order
+        middles, half = (ends[0] - ends[1]) / 2, -(ends[0] + ends[1]) / 2
+        none = half[:, 0] < 0
+        half[none] = 0.0
+        around = np.where(none, -1.0, np.linalg.norm(half, axis=1))
+        self._spheres = self._tree[0], middles, around, self._order
         self._kernels = _module(d, corners.shape[1])
 
     def first_along(
@@ -94,7 +100,7 @@ class FacetTree:
         """
         numbers, mine = np.empty(len(others.corners), dtype=np.int64), self.facets
         given = others.centres, others.normals, others.radii, ahead, behind, np.array([angle])
-        given = *given, *self._tree, mine.centres, mine.normals, mine.radii
+        given = *given, *self._spheres, mine.centres, mine.normals, mine.radii
         call(self._kernels, "opposite", *given, None, numbers, None)
         found = np.empty(numbers.sum(), dtype=np.int64)
         call(self._kernels, "opposite", *given, np.cumsum(numbers) - numbers, numbers, found)

@@ -107,9 +107,10 @@ class Interface:
             where displacements are small by assumption, bodies slide on the partners of the
             reference configuration, along its surface.
         gap: What the distance of surfaces that share no nodes [mm] means, in the reference
-            configuration: with "ignore" the bodies touch, as two polygons along one curve do; with
-            "keep" it is a gap, or where they overlap an interference that the first step relaxes.
-            None for "keep" if they slide, else "ignore".
+            configuration: with "ignore" the bodies touch, as two polygons along one curve do, up to
+            the mean thickness 2 V/A of the thicker one; with "keep" it is a gap of any width, or
+            where they overlap an interference that the first step relaxes. None for "keep" if they
+            slide, else "ignore".
         name: Name of the interface in messages, files and pictures; None for its number in the
             problem, "interface_0".
 

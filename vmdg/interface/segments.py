@@ -231,15 +231,15 @@ def _facing(
     cosines = np.einsum("sd,sd->s", two.facets.normals[other], normals)
     facing &= (other < 0) | (cosines > -OPPOSITE) | (nearer > back)
     deep = np.flatnonzero(facing & (segments.away < -start))
-    if len(deep):
-        half = OPPOSITE * end[deep]
-        middle = x[deep] + segments.away[deep, None] / 2 * normals[deep]
-        y, D, nearest = two.nearest(middle, half)
-        inward = -two.facets.normals[nearest]
-        _, other = one.first_along(y, inward, (1 - _BETWEEN) * D - start[deep], half)
-        same = np.einsum("sd,sd->s", two.facets.normals[theirs[deep]], inward) < -OPPOSITE
-        cosines = np.einsum("sd,sd->s", one.facets.normals[other], inward)
-        facing[deep] = (nearest < 0) | same | (other < 0) | (cosines < OPPOSITE)
+    half = OPPOSITE * end
+    middle = x + segments.away[:, None] / 2 * normals
+    y, D, nearest = two.nearest(middle[deep], half[deep])
+    aside = np.einsum("sd,sd->s", two.facets.normals[theirs[deep]], two.facets.normals[nearest])
+    other = (nearest >= 0) & (aside < OPPOSITE)
+    deep, y, D, inward = deep[other], y[other], D[other], -two.facets.normals[nearest[other]]
+    _, which = one.first_along(y, inward, (1 - _BETWEEN) * D - start[deep], half[deep])
+    cosines = np.einsum("sd,sd->s", one.facets.normals[which], inward)
+    facing[deep] = (which < 0) | (cosines < OPPOSITE)
     return facing
 
 

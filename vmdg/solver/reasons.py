@@ -63,8 +63,9 @@ REASONS = {
         "tips); a bond that fails before the bodies are crushed",
     ),
     "BODIES_OVERLAP": Reason(
-        "forces balance, but a body that slides has moved into the other one, past its surface",
-        f"{_SMALLER}; larger facets at the surfaces, which are paired across two of their radii",
+        "forces balance, but a body that slides has moved through the surface of the other one, or "
+        "is inside it where no facet faces it within 60 degrees",
+        f"{_SMALLER}; blunter edges of the bodies",
     ),
     "STABILIZATION_OUTGROWN": Reason(
         "tau_s is too small at the end of the step, also after repetitions with the tau_s of the "
