@@ -43,12 +43,12 @@ class ActiveInterface:
     """An interface with its open facets and the state of their points.
 
     Contact at open points, T = 0, leaves -|{P.N}|^2/(2r) of (30): zero for the solution, but for
-    its approximation the body would be softer near another one that it does not touch. The facets
-    where all points are open at the start of a step are left out: with zero flux weights zeta = g
-    makes T = s = 0, and no term remains. A facet is taken in, with its weights, in the first
-    iteration in which one of its points closes with them, and then for the whole step: a decision by every
-    state anew would alternate where -|{P.N}|^2/(2r) itself closes the gap. As s = 0 at its start,
-    both forms have one energy there, and the energy of the step is that with the facet.
+    its approximation the body would be softer near another one that it does not touch. Facets where
+    all points are open at the start of a step are left out: with zero flux weights zeta = g makes
+    T = s = 0, and no term remains. A facet is taken in, with its weights, in the first iteration
+    in which one of its points closes with them, and then for the whole step: decided anew in every
+    state, points would alternate where -|{P.N}|^2/(2r) itself closes the gap. Since s = 0 at its
+    start, a step has the same energy there with the facet and without.
 
     Args:
         interface: The user's description.
@@ -255,9 +255,7 @@ class ActiveInterface:
         out = known.left_out if self.lets_go else np.zeros(0, dtype=bool)
         if out.any():
             known = replace(known, weights=self.stabilizer.flux_weights(known.delta))
-        trial = self._return_map.trial(
-            known, self.history, self._overstress_modulus, self._cycles
-        )
+        trial = self._return_map.trial(known, self.history, self._overstress_modulus, self._cycles)
         if not out.any():
             return trial
         if closes and (closed := out[q.facet] & ~_apart(trial)).any():
