@@ -51,6 +51,62 @@ def contact(scene, materials, law, kinematics="finite", **options):
     return vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], kinematics=kinematics)
 
 
+OPEN = [
+    # cells, tilt, what else
+    ("quadrilateral", 8, 0.0, {}),
+    ("triangle", 8, 20.0, {"kinematics": "small", "sliding": False}),
+    ("quadrilateral", 16, 45.0, {"degree": 2, "E": 1e3}),
+    ("quadrilateral", 8, 60.0, {"E": 1e9, "sliding": False}),
+    ("hexahedron", 4, 45.0, {}),
+]
+
+
+@pytest.mark.parametrize(("cell", "n", "tilt", "options"), OPEN)
+def test_open_contact_leaves_bodies_alone(cell, n, tilt, options):
+    """A block hangs over another one or a wall, near but open: it strains as if it were alone.
+
+    On loads that its mesh hardly resolves tractions of free surfaces are large.
+    """
+    d, a = DIMENSION[cell], np.deg2rad(tilt)
+    options, gap = dict(options), 0.02
+    sliding, E = options.pop("sliding", True), options.pop("E", None)
+
+    def turned(x):
+        x[[0, -1]] = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) @ x[[0, -1]]
+        x[-1] += gap - x[-1].min()
+        return x
+
+    middle = [0.5] * (d - 2)
+    corner = [0.5, *middle, 0.5]
+    upper = block(cell, [n] * d, -np.array(corner), corner, 2)
+    under = [2.0, *(2 * w for w in middle)]
+    low = block(cell, [8] + [1] * (d - 1), [-w for w in (*under, 0.5)], [*under, 0.0], 1)
+    scene = apart([low, moved(upper, turned)])
+    bodies = {1: vmdg.NeoHookean(E=E, nu=0.3) if E else vmdg.Rigid(), 2: SOFT}
+    top = scene.mesh.geometry.x[:, d - 1].max() - 0.3
+
+    def load(x, t):
+        waves = np.sin(60 * x[0]), *np.sin(20 * x[1 : d - 1]), np.cos(47 * (x[d - 1] - gap))
+        return 0.02 * t * np.array(waves) * SOFT.parameters["mu"]
+
+    def energy(*interfaces):
+        problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, interfaces, **options)
+        if E:
+            problem.dirichlet(lambda x: np.isclose(x[d - 1], -0.5), 0.0)
+        problem.dirichlet_points(lambda x: x[d - 1] > top, 0.0)
+        problem.body_force(load, 2)
+        vmdg.solve(problem, [0.5, 1.0])
+        if interfaces:
+            state = problem.state[0]
+            assert len(state.weights) and not state.traction.any()
+        return problem.energy()
+
+    interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(), sliding=sliding, gap="keep")
+    near, far = energy(interface), energy()
+    assert near.bulk == pytest.approx(far.bulk, rel=1e-6)
+    assert abs(near.interface) < 1e-12 * near.bulk
+
+
 def moment(problem):
     """Sum of the moments of all forces, which supports carry, in the current configuration."""
     d = problem.mesh.geometry.dim

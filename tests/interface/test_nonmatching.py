@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.graph import partitioner
 from dolfinx.mesh import compute_midpoints, create_mesh, exterior_facet_indices, meshtags
-from support.apart import block, order_of_dofs, rings, separated, stack
+from support.apart import block, moved, order_of_dofs, rings, separated, stack
 from support.checks import integral, tangent_error, tangent_matrix
 from support.problems import (
     FRICTION,
@@ -327,13 +327,51 @@ def test_coercive(cell, degree, nu, contrast, law):
     for ratio in ((1, 1), (3, 4), (2, 20), (20, 2)) if flat else ((1, 1), (1, 2), (2, 1)):
         scene = stack(cell, *ratio, (1, 1), move=wavy)
         problem = joined(scene, law, materials, degree=degree, kinematics="small")
-        K = dense(tangent_matrix(problem))
-        weak = problem.discretization.weak_form
-        w = ufl.TestFunction(problem.space), ufl.TrialFunction(problem.space)
-        bulk = fem.assemble_matrix(weak.compile(weak.bulk_tangent(*w))).to_dense()
-        lowest = np.linalg.eigvalsh(K - alpha * bulk)[0]
-        assert lowest > -1e-11 * np.abs(K).max()
-        assert np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()
+        assert_keeps(problem, alpha)
+
+
+@pytest.mark.parametrize(
+    ("law", "sliding"),
+    [
+        (vmdg.Bonded(), False),
+        (vmdg.Debonding(1e12, 1e12), False),
+        (vmdg.Debonding(1e12, 1e12), True),
+    ],
+    ids=["tie", "bond", "sliding"],
+)
+@EVERY_DEGREE
+def test_coercive_where_surfaces_are_not_parallel(law, sliding, degree):
+    """The teeth of a block over a wall, at 60 degrees: with half of its r, that of parallel facets,
+    the form of a bond would be short of alpha."""
+    wide, slope = 0.25, np.tan(np.pi / 3)
+
+    def toothed(x):
+        teeth = np.round(x[0] / wide) % 2
+        x[1] += 0.01 + wide * slope * teeth * (1.0 - x[1])
+        return x
+
+    upper = moved(block("quadrilateral", (8, 2), [0.0, 0.0], [2.0, 1.0], 2), toothed)
+    scene = apart([block("quadrilateral", (2, 1), [-0.1, -0.3], [2.1, 0.0], 1), upper])
+    interface = vmdg.Interface(between=(1, 2), law=law, sliding=sliding)
+    bodies = {1: vmdg.Rigid(), 2: vmdg.NeoHookean(E=1e3, nu=0.3)}
+    kinematics = "finite" if sliding else "small"
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, bodies, [interface], degree=degree, kinematics=kinematics
+    )
+    normals = problem.discretization.active[0].quadrature.outward[1]
+    assert np.linalg.norm(normals, axis=1) == pytest.approx(2.0)
+    assert_keeps(problem, margin(law, degree))
+
+
+def assert_keeps(problem, alpha):
+    """The bonded form keeps this fraction of the bulk energy."""
+    K = dense(tangent_matrix(problem))
+    weak = problem.discretization.weak_form
+    w = ufl.TestFunction(problem.space), ufl.TrialFunction(problem.space)
+    bulk = fem.assemble_matrix(weak.compile(weak.bulk_tangent(*w))).to_dense()
+    lowest = np.linalg.eigvalsh(K - alpha * bulk)[0]
+    assert lowest > -1e-11 * np.abs(K).max()
+    assert np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()
 
 
 # Rates

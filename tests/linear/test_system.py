@@ -59,7 +59,7 @@ def assert_same(comm, first, second, rel=1e-9):
 
 
 def assert_same_path(comm, make, loads, most=1) -> tuple[vmdg.Result, vmdg.Result]:
-    """Problems end in the same state with both systems, bodies factorized so often; the runs."""
+    """Problems end in the same state with both systems, the bodies factorized ``most`` times."""
     assembled, off = run(make(), loads, False)
     condensed, on = run(make(), loads, True)
     assert_same(comm, assembled, condensed)
