@@ -394,6 +394,104 @@ def test_off_the_edge_and_back():
     assert [ratio[at[1.1]], ratio[at[3.0]]] == pytest.approx([MU, -MU], rel=5e-3)
 
 
+#: The diagonal of a cube upright.
+TIP = np.array([[1, -1, 0], [1, 1, -2], [1, 1, 1]]) / np.sqrt([[2], [6], [3]])
+
+#: Tag, cells and corners of a base and of a block on it.
+_DRAWN = [
+    (1, (24, 3), ([0.0, -1.0], [4.0, 0.0])),
+    (2, (10, 3), ([0.5, 0.0], [1.5, 0.6])),
+]
+
+
+def all_sides(scene, tag):
+    """All facets of a block."""
+    return np.concatenate([scene.facet_tags.find(10 * tag + k) for k in range(3)])
+
+
+def _cornered(cell, turn, first):
+    """A block of two cells a side, turned by R (d, d), .02 mm above a floor."""
+    d = DIMENSION[cell]
+    # No node of the floor is under the corner.
+    low, high = [*(d - 1) * [-1.45], -0.5], [*(d - 1) * [1.55], 0.0]
+    floor = block(cell, [*(d - 1) * [6], 1], low, high, 1)
+    body = block(cell, d * [2], d * [-0.5], d * [0.5], 2)
+
+    def turned(x):
+        x = turn @ x
+        x[-1] += 0.02 - x[-1].min()
+        return x
+
+    scene = apart([floor, moved(body, turned)])
+    find = scene.facet_tags.find
+    sides = all_sides(scene, 1), all_sides(scene, 2)
+    interface = vmdg.Interface(
+        surfaces=sides if first == 1 else sides[::-1], law=vmdg.Contact(MU), sliding=True
+    )
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: SOFT, 2: SOFT}, [interface])
+    problem.dirichlet(find(11), 0.0)
+    return scene, problem
+
+
+@pytest.mark.parametrize("first", [1, 2])
+@pytest.mark.parametrize(
+    ("cell", "turn"),
+    [
+        ("quadrilateral", rotation(2, np.deg2rad(45.0))),
+        ("triangle", rotation(2, np.deg2rad(15.0))),
+        ("hexahedron", np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]])),
+        ("tetrahedron", TIP),
+    ],
+)
+def test_corner_touches_where_it_is(cell, turn, first):
+    """Lowered with a corner or an edge first, whichever surface is side 1."""
+    scene, problem = _cornered(cell, turn, first)
+    d = DIMENSION[cell]
+    top = scene.mesh.geometry.x[:, d - 1].max()
+
+    def upper(x):
+        return x[d - 1] > 0.7 * top
+
+    problem.dirichlet_points(upper, lambda t: [*(d - 1) * [0.0], -t])
+    loads = [0.0199, 0.0201, 0.03]
+    result = vmdg.solve(
+        problem, loads, TIGHT, lambda problem: {"N": -problem.reaction_points(upper)[-1]}
+    )
+    N = result.history["N"]
+    assert abs(N[0]) < 1e-9
+    assert 0 < N[1] < 0.1 * N[2]
+
+
+@pytest.mark.parametrize("first", [1, 2])
+def test_friction_does_not_depend_on_side_1(first):
+    """A block with sharp edges drawn over a base, both soft: T/N is mu within .2 %, the friction is
+    the work done within .5 % (the rest is of the steps), and moments balance."""
+    scene = apart([block("quadrilateral", n, *box, tag) for tag, n, box in _DRAWN])
+    find = scene.facet_tags.find
+    sides = all_sides(scene, 1), all_sides(scene, 2)
+    interface = vmdg.Interface(
+        surfaces=sides if first == 1 else sides[::-1], law=vmdg.Contact(MU), sliding=True
+    )
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: SOFT, 2: SOFT}, [interface])
+    problem.dirichlet(find(11), 0.0)
+    problem.dirichlet(find(22), lambda t: (max(t - 1, 0.0), -0.02 * min(t, 1.0)))
+
+    def monitor(problem):
+        T, N = problem.reaction(find(22))
+        return {"T": T, "N": -N, "moment": moment(problem)}
+
+    loads = np.append(1.0, np.linspace(1.0, 1.8, 9)[1:])
+    result = vmdg.solve(problem, loads, vmdg.SolveOptions(energy=True), monitor)
+    table = result.history
+    late = np.flatnonzero(table["load"] > 1.35)
+    T, N = table["T"][late], table["N"][late]
+    assert not result.failures
+    assert np.mean(T / N) == pytest.approx(MU, rel=2e-3)
+    work = np.trapezoid(T, table["load"][late])
+    assert np.ptp(table["friction"][late]) == pytest.approx(work, rel=5e-3)
+    assert table["moment"].max() < 1e-9 * N.mean()
+
+
 def test_side_1_is_chosen():
     """The stiffer body; else the flatter surface; else the longer facets; as given by surfaces=."""
     first = body_and_base("quadrilateral", (5, 3), (28, 3))
