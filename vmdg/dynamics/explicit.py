@@ -15,6 +15,7 @@ from ..domain.topology import box_sides
 from ..linear.ksp import destroy, set_options
 from ..problem.motion import moving
 from ..problem.problem import Problem
+from ..problem.step import cause
 from ..solver.attempt import Attempt
 from .contact_nodes import ContactNodes
 from .schemes import CentralDifferences
@@ -100,7 +101,7 @@ class ExplicitSteps:
                     yield Attempt(False, reason="DIVERGED_MAX_IT")
                     return
             if not self._finite():
-                yield Attempt(False, reason=self._problem.step.cause("DIVERGED_FNORM_NAN"))
+                yield Attempt(False, reason=cause(problem.discretization, "DIVERGED_FNORM_NAN"))
                 return
         yield Attempt(True, [0.0])
 
