@@ -213,6 +213,7 @@ def test_rings(comm, cell):
         assert fine < 1.5 * fluid_ring(comm, (32, 32), cell)
 
 
+@pytest.mark.filterwarnings("ignore:plastic flow keeps the volume")
 def test_ranks_without_points(comm):
     """A column whose interface is at its foot: on two ranks and more, one has no points. Forces are
     those of one rank, also with plastic cells on one side only."""
