@@ -575,6 +575,8 @@ def test_checkpoint(comm, cell, tmp_path_factory):
             vmdg.read_checkpoint(problem, folder / f"{loads[start - 1]}")
             rows = go_on(problem, start)
             found = np.abs(rows - expected[start:]).max(axis=0)
+            # On as many ranks matrices have the same pattern, and forces the same last bit.
+            assert ranks != comm.size or not found[:d].any()
             assert (found <= 1e-7 * np.abs(expected).max(axis=0) + 1e-12).all()
 
 

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from support.apart import order_of_dofs, rings, separated, stack
+from support.apart import block, order_of_dofs, rings, separated, stack
 from support.checks import tangent_error, tangent_matrix
 from support.problems import (
     FRICTION,
@@ -23,6 +23,9 @@ from support.problems import (
 from support.scenes import DIMENSION, section, two_blocks
 
 import vmdg
+from vmdg.meshes import apart
+
+SOFT = vmdg.NeoHookean(E=1000.0, nu=0.3)
 
 CELLS = pytest.mark.parametrize(
     ("cell", "degree"),
@@ -208,6 +211,33 @@ def test_rings(comm, cell):
         coarse, fine = (fluid_ring(comm, tuple(n * k for k in cells), cell) for n in (1, 2))
         assert np.log2(coarse / fine) > 3.0 - 0.2
         assert fine < 1.5 * fluid_ring(comm, (32, 32), cell)
+
+
+@pytest.mark.filterwarnings("ignore:plastic flow keeps the volume")
+def test_ranks_without_points(comm):
+    """A column whose interface is at its foot: on two ranks and more, one has no points. Forces are
+    those of one rank, also with plastic cells on one side only."""
+    metal = vmdg.J2(1000.0, 0.3, 12.0, hardening=60.0)
+    for bodies in ((SOFT, SOFT), (metal, SOFT)):
+        found = []
+        for where in (comm, MPI.COMM_SELF):
+            foot = block("triangle", (1, 1), [0.0, 0.0], [1.0, 1.0], 1, where)
+            column = block("triangle", (1, 8), [0.0, 1.0], [1.0, 9.0], 2, where)
+            scene = apart([foot, column])
+            bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(15.0, 0.06), name="bond")
+            given = dict(enumerate(bodies, start=1))
+            problem = vmdg.Problem(scene.mesh, scene.cell_tags, given, [bond])
+            problem.dirichlet(lambda x: np.isclose(x[1], 0.0), 0.0)
+            problem.dirichlet(lambda x: np.isclose(x[1], 9.0), lambda t: (0.0, 0.02 * t))
+            problem.pressure("bond", lambda t: 2.0 * t)
+            counts = where.allgather(len(problem.state["bond"].weights))
+            assert where.size == 1 or 0 in counts
+            vmdg.solve(problem, [0.5, 1.0], PRECISE)
+            mean = problem.mean("bond")
+            top = problem.reaction(lambda x: np.isclose(x[1], 9.0))
+            found.append([*top, *mean.opening, *mean.traction, mean.area])
+        assert found[0] == pytest.approx(found[1], rel=1e-8, abs=1e-10)
+        assert abs(found[1][1]) > 0.1
 
 
 def test_refusals():

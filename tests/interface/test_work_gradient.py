@@ -9,6 +9,7 @@ from support.problems import driven, partly_damaged, through
 
 import vmdg
 from vmdg.base.parallel import global_sum
+from vmdg.interface.active import total_in_frame
 
 
 def by_displacement(problem, dt: float = 1.0) -> tuple[float, float]:
@@ -23,7 +24,7 @@ def by_displacement(problem, dt: float = 1.0) -> tuple[float, float]:
         u += sign * way
         problem.u.x.scatter_forward()
         works.append(problem.step.bond_work(dt))
-        totals.append(active.total_in_frame())
+        totals.append(total_in_frame(active))
     spent = np.einsum("p,pi,pi->", active.quadrature.weights, gradient, totals[0] - totals[1])
     return works[0] - works[1], float(global_sum(problem.mesh.comm, spent))
 

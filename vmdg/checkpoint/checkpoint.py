@@ -41,10 +41,12 @@ from ..problem.states import RunScales, Snapshot, Works
 from .files import latest, open_arrays, read_description, remove_files, write_files
 from .identity import differences, identity
 from .records import (
+    NO_RECORDS,
     cell_records,
     facet_keys,
     facet_records,
     find_records,
+    near_records,
     restore_fields,
     restore_interface,
     restore_pairs,
@@ -146,11 +148,9 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
     interfaces = {
         _name(i): facet_records(active) for i, active in problem.discretization.active.items()
     }
-    interfaces |= {
-        _surfaces(i): surface_records(active)
-        for i, active in problem.discretization.active.items()
-        if isinstance(active, MovingInterface)
-    }
+    for i, active in problem.discretization.active.items():
+        if isinstance(active, MovingInterface):
+            interfaces |= {_surfaces(i): surface_records(active), _near(i): near_records(active)}
     about = {
         "format": FORMAT,
         "vmdg": __version__,
@@ -269,6 +269,10 @@ def _surfaces(i: int) -> str:
     return f"surfaces_{i}"
 
 
+def _near(i: int) -> str:
+    return f"near_{i}"
+
+
 def _start(i: int) -> str:
     return f"start {i}"
 
@@ -314,8 +318,9 @@ def _read_state(
             if isinstance(active, MovingInterface):
                 u = fem.Function(discretization.space)
                 u.x.array[:] = fields["u"]
-                pairs, surfaces = arrays[_name(i)], arrays[_surfaces(i)]
-                interfaces.append(restore_pairs(active, u, pairs, surfaces))
+                # Files of older versions do not have what was coupled.
+                known = arrays[_name(i)], arrays[_surfaces(i)], arrays.get(_near(i), NO_RECORDS)
+                interfaces.append(restore_pairs(active, u, *known))
             else:
                 interfaces.append(restore_interface(active, records[i]))
     except ValueError as error:

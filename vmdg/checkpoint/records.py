@@ -47,6 +47,9 @@ _SHARE, _GRADIENT, _ELASTIC = "fluid.share", "gradient", "elastic"
 _OF_FACETS = fields(Stabilization)
 
 
+NO_RECORDS: NDArray = np.zeros(0, dtype=[("key", np.int64)])
+
+
 def cell_records(
     space: fem.FunctionSpace,
     arrays: Mapping[str, NDArray],
@@ -140,6 +143,23 @@ def surface_records(active: MovingInterface) -> NDArray:
     return _records({name: values[facets < owned] for name, values in columns.items()})
 
 
+def near_records(active: MovingInterface) -> NDArray:
+    """The pairs of facets of two surfaces that are coupled in matrices, by key."""
+    one, two = (keys[rows] for keys, rows in zip(_both_keys(active), active.near.T, strict=True))
+    return _records({"key": one * _facet_count(active.quadrature.mesh) + two})
+
+
+def _restored_near(active: MovingInterface, records: NDArray) -> NDArray[np.intp]:
+    """Rows of this rank's part of them (n, 2)."""
+    both, own = np.divmod(records["key"], _facet_count(active.quadrature.mesh)), _both_keys(active)
+    known = np.logical_and(*map(np.isin, both, own))
+    rows = []
+    for stored, keys in zip(both, own, strict=True):
+        order = np.argsort(keys)
+        rows.append(order[np.searchsorted(keys, stored[known], sorter=order)])
+    return np.unique(np.column_stack(rows), axis=0)
+
+
 def _records(columns: Mapping[str, NDArray]) -> NDArray:
     """Arrays with one row per record, as records."""
     kind = [(name, values.dtype, values.shape[1:]) for name, values in columns.items()]
@@ -178,10 +198,14 @@ def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSna
 
 
 def restore_pairs(
-    active: MovingInterface, u: fem.Function, records: NDArray, surfaces: NDArray
+    active: MovingInterface,
+    u: fem.Function,
+    records: NDArray,
+    surfaces: NDArray,
+    near: NDArray,
 ) -> InterfaceSnapshot:
-    """The state of surfaces that slide at a displacement, from the records of all pairs and of all
-    facets.
+    """The state of surfaces that slide at a displacement, from the records of all pairs, of all
+    facets, and of what is coupled.
 
     Raises:
         ValueError: a facet or a pair has no record; on this rank only.
@@ -199,7 +223,8 @@ def restore_pairs(
     arrays = {
         name: found[name].reshape(-1, *found[name].shape[2:]).copy() for name in _at_points(active)
     }
-    stabilization, pairs = active.restored(facets, own, norm, bonded, arrays[_ELASTIC])
+    given = own, norm, bonded, arrays[_ELASTIC], _restored_near(active, near)
+    stabilization, pairs = active.restored(facets, *given)
     return replace(_snapshot(active, arrays, stabilization), pairs=pairs)
 
 
@@ -230,21 +255,29 @@ def facet_keys(mesh: Mesh, facets: InterfaceFacets) -> NDArray[np.int64]:
     sides = _keys_of(mesh, facets.cells, facets.local)
     if not facets.paired:
         return sides[:, 0]
-    count = mesh.topology.index_map(mesh.topology.dim).size_global * _facets_of_cell(mesh)
-    pairs = sides[:, 0] * count + sides[:, 1]
+    pairs = sides[:, 0] * _facet_count(mesh) + sides[:, 1]
     # Both facets have at most four corners: their intersection has at most eight.
     return 8 * pairs + occurrences(pairs)
 
 
 def _surface_keys(active: MovingInterface) -> NDArray[np.int64]:
     """Keys of the facets of both surfaces, those of side 1 first."""
+    return np.concatenate(_both_keys(active))
+
+
+def _both_keys(active: MovingInterface) -> list[NDArray[np.int64]]:
     mesh, sides = active.quadrature.mesh, active.facets.surfaces.sides
-    return np.concatenate([_keys_of(mesh, side.cells, side.local) for side in sides])
+    return [_keys_of(mesh, side.cells, side.local) for side in sides]
 
 
 def _keys_of(mesh: Mesh, cells: NDArray[np.int32], local: NDArray[np.int32]) -> NDArray[np.int64]:
     """Keys of facets by their cells and numbers in them."""
     return _input_numbers(mesh)[cells] * _facets_of_cell(mesh) + local
+
+
+def _facet_count(mesh: Mesh) -> int:
+    """Number of keys."""
+    return mesh.topology.index_map(mesh.topology.dim).size_global * _facets_of_cell(mesh)
 
 
 def _facets_of_cell(mesh: Mesh) -> int:

@@ -213,7 +213,7 @@ class PointBodies:
 
         Raises:
             ValueError: a material answers with arrays of the wrong shape, or with a history or
-                energies that are not finite beside a finite stress, on every rank.
+                energies that are not finite where the stress is, on every rank.
         """
         with timer("bodies at points"):
             evaluated = lambda: self._checked(self._evaluated(deformation, dt))  # noqa: E731
@@ -284,7 +284,7 @@ class PointBodies:
         a step fails.
 
         Raises:
-            ValueError: something else is not finite beside a finite stress.
+            ValueError: something else is not finite where the stress is.
         """
         self.lost = ""
         arrays = state.stress, state.moduli, state.stored, state.dissipated
@@ -294,7 +294,7 @@ class PointBodies:
             stress, moduli, stored, dissipated = (array[own] for array in points)
             label = f"{type(material).__name__} (tag {list(self.materials)[number]})"
             known = _finite(stress) & _finite(moduli)
-            stress[~known] = np.nan  # no iteration goes on with such moduli
+            stress[~known] = np.nan  # no iteration continues with such moduli
             if (_finite(state.deformation[own]) & ~known).any():
                 self.lost = label
             others = {"state": state.next[number], "stored": stored, "dissipated": dissipated}

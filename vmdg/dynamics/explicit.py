@@ -17,6 +17,7 @@ from ..linear.ksp import destroy, set_options
 from ..problem.ledger import WorkInMotion
 from ..problem.motion import Plan, moving
 from ..problem.problem import Problem
+from ..problem.step import cause
 from ..solver.attempt import Attempt
 from ..solver.options import SolveOptions
 from .balance import GAINED, Balance
@@ -155,7 +156,7 @@ class ExplicitSteps:
         """
         problem = self._problem
         if global_any(self._comm, not np.isfinite(problem.u.x.array).all()):
-            return problem.step.cause("DIVERGED_FNORM_NAN")
+            return cause(problem.discretization, "DIVERGED_FNORM_NAN")
         if reason := problem.step.invalid():
             return reason
         before, self._accelerations = self._accelerations, self._squares()

@@ -26,6 +26,7 @@ from ..linear.system import AssembledSystem
 from ..problem.ledger import WorkInMotion
 from ..problem.motion import moving
 from ..problem.problem import Problem
+from ..problem.step import cause
 from ..solver.attempt import Attempt
 from ..solver.limits import ROUNDING
 from ..solver.options import SolveOptions
@@ -175,7 +176,7 @@ class ImplicitSteps:
         self._moves = self._supports.at(t - h, t, t + h)
         self._snes.x.array[:] = u0 + h * v0 + h**2 * a0 / 2
         converged, reason = self._snes.solve(self, searches=True)
-        word = step.invalid() if converged else step.cause(reason)
+        word = step.invalid() if converged else cause(step.discretization, reason)
         if not word and not step.stabilization_suffices():
             word = "STABILIZATION_OUTGROWN"
         found = Attempt(not word, self._norms, word, self._goal)

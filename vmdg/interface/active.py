@@ -403,12 +403,7 @@ class ActiveInterface:
         """Copy the traction of the last residual into the history: new facets have carried it
         too."""
         if self.law.inelastic:
-            self.history = replace(self.history, traction=self.traction_in_frame())
-
-    def traction_in_frame(self) -> NDArray[np.float64]:
-        """T of the last residual in the frame of the law (nq, d) [MPa]."""
-        T, R = self.values.traction, self.values.rotation
-        return T if R is None else np.einsum("pji,pj->pi", R, T)
+            self.history = replace(self.history, traction=traction_in_frame(self.values))
 
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""
@@ -472,10 +467,17 @@ class ActiveInterface:
         known = q.normal, history.gap, history.softening, r, dt, *cycles
         return work_gradient(self.law, update, load, *known)
 
-    def total_in_frame(self) -> NDArray[np.float64]:
-        """{P.N} + r g at the current displacement, in the frame of the law (nq, d) [MPa]."""
-        trial = self.trial()
-        return trial.total if trial.R is None else np.einsum("pji,pj->pi", trial.R, trial.total)
+
+def total_in_frame(active: ActiveInterface) -> NDArray[np.float64]:
+    """{P.N} + r g at the current displacement, in the frame of the law (nq, d) [MPa]."""
+    trial = active.trial()
+    return trial.total if trial.R is None else np.einsum("pji,pj->pi", trial.R, trial.total)
+
+
+def traction_in_frame(values: PointValues) -> NDArray[np.float64]:
+    """T in the frame of the law (nq, d) [MPa]."""
+    T, R = values.traction, values.rotation
+    return T if R is None else np.einsum("pji,pj->pi", R, T)
 
 
 def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool = False) -> None:

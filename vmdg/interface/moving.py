@@ -212,12 +212,15 @@ class MovingPairs(NamedTuple):
         bonded: Facets of side 1 whose bond holds.
         elastic: For a resumed run, in the place of ``committed``: s of the points at the end of the
             last step, in the frame of the law (nq, d) [mm].
+        near: For a resumed run, rows of the two surfaces that were coupled in matrices (n, 2): with
+            another pattern their factors are rounded otherwise.
     """
 
     facets: PairedFacets
     committed: CommittedPoints | None
     bonded: NDArray[np.bool_]
     elastic: Array | None = None
+    near: NDArray[np.intp] | None = None
 
 
 class MovingInterface(ActiveInterface):
@@ -240,6 +243,7 @@ class MovingInterface(ActiveInterface):
         self._paired = u.x.array.copy()
         self._committed: CommittedPoints | None = None
         self._near = np.zeros((0, 2), dtype=np.intp)
+        self._resumed_near: NDArray[np.intp] | None = None
         self._bonded = facets.surfaces.intact()
         self._area = BondedArea(self.quadrature)
         self._damage = facets.damage[self.quadrature.facet]
@@ -265,8 +269,10 @@ class MovingInterface(ActiveInterface):
 
     def couple(self) -> bool:
         """See the base class."""
+        resumed = self._resumed_near is not None
+        self._near, self._resumed_near = self.near, None
         if np.isin(self._labels, self._numbers(self._near)).all():
-            return False
+            return resumed
         near = [self.facets.surfaces.near(self._u), self._rows]
         self._near = np.unique(np.concatenate(near), axis=0)
         return True
@@ -528,6 +534,7 @@ class MovingInterface(ActiveInterface):
         super().slow_down(*self._slowed)
         if pairs.elastic is not None:
             self._remember(pairs.elastic)
+            self._resumed_near = pairs.near
 
     # Checkpoints
 
@@ -552,14 +559,26 @@ class MovingInterface(ActiveInterface):
         surfaces = self.facets.surfaces
         return surfaces.pairs(u, bonded[: len(surfaces.sides[0].facets)])
 
+    @property
+    def near(self) -> NDArray[np.intp]:
+        """Rows of the two surfaces that are coupled in matrices (n, 2)."""
+        return self._near if self._resumed_near is None else self._resumed_near
+
     def restored(
-        self, facets: PairedFacets, own: Array, norm: Array, bonded: NDArray[np.bool_], s: Array
+        self,
+        facets: PairedFacets,
+        own: Array,
+        norm: Array,
+        bonded: NDArray[np.bool_],
+        s: Array,
+        near: NDArray[np.intp],
     ) -> tuple[SurfaceStabilization, MovingPairs]:
         """Stabilization of the facets of both surfaces and pairs of a snapshot, from
-        :meth:`pairs_at`, :meth:`facet_state` and :attr:`elastic`."""
+        :meth:`pairs_at`, :meth:`facet_state`, :attr:`elastic` and :attr:`near`."""
         known = self.stabilizer.of_facets(own).with_norm(norm)
         count = len(self.facets.surfaces.sides[0].facets)
-        return known, MovingPairs(facets, None, bonded[:count], s)
+        pairs = MovingPairs(facets, None, bonded[:count], s, near if len(near) else None)
+        return known, pairs
 
     def continue_from(self, other: ActiveInterface) -> None:
         """The state of the same interface in another discretization."""

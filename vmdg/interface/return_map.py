@@ -244,8 +244,8 @@ def _check_answer(law: Law, load: Array, update: Update) -> None:
     """Check what a law returns for T_tr (n, d).
 
     Raises:
-        ValueError: arrays of the wrong shape, or a history that is not finite beside a finite
-            traction.
+        ValueError: arrays of the wrong shape, or a history that is not finite where the
+            traction is.
     """
     n, d = load.shape
     name, shapes = type(law).__name__, {"traction": (n, d), "gap": (n, d), "softening": (n,)}

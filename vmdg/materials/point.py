@@ -97,8 +97,8 @@ class PointMaterial(Material):
     ) -> Response:
         """Stress and moduli at the end of a step.
 
-        A stress or moduli that are not finite make the attempt of a step fail; a history or
-        energies that are not finite beside a finite stress are an error.
+        A stress or moduli that are not finite make the attempt of a step fail. With a finite stress
+        a history or energies that are not finite are an error.
 
         Args:
             deformation: Deformation gradient F, at small strain the symmetric strain (n, 3, 3).

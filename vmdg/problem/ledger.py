@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..assembly.discretization import Discretization
 from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_sum
+from ..interface.active import traction_in_frame
 from ..interface.gap_work import gap_force, gap_forces, gap_work
 from .loading import Loading
 from .states import Energy, Pending, Snapshot, Works
@@ -392,7 +393,7 @@ class Ledger:
     def _gap_forces(self) -> NDArray[np.float64]:
         """-T dA of all interfaces at the last residual, in the frames of their laws."""
         failing = (a for a in self.discretization.active.values() if a.law.inelastic)
-        return _joined(gap_force(active, active.traction_in_frame()) for active in failing)
+        return _joined(gap_force(active, traction_in_frame(active.values)) for active in failing)
 
     def _relaxed(self) -> float:
         """Work of the unbalanced forces after facets have opened, this rank's [N mm]."""

@@ -329,14 +329,6 @@ class Step:
             return "BODIES_OVERLAP"
         return ""
 
-    def cause(self, reason: str) -> str:
-        """Why an attempt failed: PETSc's reason, or MATERIAL_NOT_FINITE with the material;
-        collective."""
-        bodies = self.discretization.bodies.points
-        told = self._comm.allgather(bodies.lost) if bodies else []
-        lost = next(filter(None, told), "")
-        return f"MATERIAL_NOT_FINITE {lost}" if lost else reason
-
     def stabilization_suffices(self) -> bool:
         """Whether tau_s of the step satisfies coercivity at its end; collective."""
         return not global_any(self._comm, not self.discretization.stabilization_suffices())
@@ -516,3 +508,12 @@ def enter_given_state(step: Step) -> None:
     if step.motion is not None and global_any(step._comm, given):
         energy = step.ledger.energy().imbalance - step.motion.kinetic_energy()
         step.ledger.enter_start(-energy)
+
+
+def cause(discretization: Discretization, reason: str) -> str:
+    """Why an attempt failed: PETSc's reason, or MATERIAL_NOT_FINITE with the material;
+    collective."""
+    bodies = discretization.bodies.points
+    told = discretization.mesh.comm.allgather(bodies.lost) if bodies else []
+    lost = next(filter(None, told), "")
+    return f"MATERIAL_NOT_FINITE {lost}" if lost else reason

@@ -32,6 +32,7 @@ from ..linear.ksp import MAX_RTOL, linear_tolerance
 from ..linear.system import System, make_system
 from ..problem.problem import Problem
 from ..problem.states import RunScales
+from ..problem.step import cause
 from .attempt import Attempt
 from .iterate import Iterate
 from .limits import Direction, Limits, Reach
@@ -94,7 +95,7 @@ class Corrector:
         self._snes.snes.setLineSearchPreCheck(newton.draw_back)
         newton.show(self._snes.x)
         converged, reason = self._snes.solve(newton, searches=limits.by_load_alone)
-        reason = reason if converged else problem.step.cause(reason)
+        reason = reason if converged else cause(problem.discretization, reason)
         found = newton.attempt()
         # The forces of a failed attempt do not count for the run.
         if converged:

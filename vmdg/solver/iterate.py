@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..base.parallel import global_any, global_max, global_norm, global_sum
 from ..base.timers import timer
 from ..base.units import power_of_two
+from ..interface.active import total_in_frame
 from ..linear.system import System
 from ..problem.problem import Problem
 from .limits import ROUNDING, Direction, Limits, Reach
@@ -230,13 +231,13 @@ class Iterate:
         h = float(power_of_two(self._size / size)) if straight else INCREMENT * self._size / size
         with timer("rates"):
             interfaces = self._pieces.interfaces
-            before = [active.total_in_frame() for active in interfaces]
+            before = [total_in_frame(active) for active in interfaces]
             self.visit(here.plus(direction, h))
             if bodies := parts.bodies.points:
                 bodies.extrapolate(bodies.deformation(self._problem.u))
             for active, G, q in zip(interfaces, gradients, before, strict=True):
                 kept = active.quadrature.kept
-                change = np.einsum("pi,pi->p", G, (active.total_in_frame() - q)[kept]) / h
+                change = np.einsum("pi,pi->p", G, (total_in_frame(active) - q)[kept]) / h
                 weights = active.quadrature.weights[kept]
                 r = active.stabilization.norm[active.quadrature.facet[kept]]
                 work += weights @ change
