@@ -101,21 +101,22 @@ def solve_dynamics(
         if history is None:
             _set_out(problem, velocity, supports, float(times[0]), steps)
         for number, t in enumerate(times):
-            start, found, cuts, count = problem.t, Attempt(), 0, 0
+            start, found, count, reasons = problem.t, Attempt(), 0, []
             problem.step.set_out()
             run.check()
             for found in steps.advance(float(t)):
+                count += found.converged
                 if not found.converged:
+                    reasons.append(found.reason)
                     result.failures.append((problem.t, found.reason))
                     run.progress.say(f"step in time from {problem.t:.8g} s failed: {found.reason}")
-                cuts, count = cuts + (not found.converged), count + found.converged
                 run.check()
             if problem.t < t:
                 failed = problem.t
                 run.back()
-                raise StepFailure(_complaint(failed, float(t), problem.t, found), result)
+                raise StepFailure(_complaint(failed, float(t), problem.t, reasons), result)
             row, more = common_columns(
-                problem, "time [s]", found, len(result.history) + 1, cuts, options.energy
+                problem, "time [s]", found, len(result.history) + 1, len(reasons), options.energy
             )
             row |= {"steps [-]": count} | more
             run.add(row | watched_row(problem, monitor), found)
@@ -227,8 +228,8 @@ def _steps(
     return ImplicitSteps(problem, scheme, options, supports)
 
 
-def _complaint(failed: float, t: float, row: float, found: Attempt) -> str:
-    why = explained([found.reason], in_time=True)
+def _complaint(failed: float, t: float, row: float, reasons: list[str]) -> str:
+    why = explained(reasons, in_time=True)
     return (
         f"the step in time from {failed:.8g} to {t:.8g} s failed; the problem is in the state of "
         f"its last row, at {row:.8g} s. In the last attempt {why}."
