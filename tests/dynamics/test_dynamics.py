@@ -264,6 +264,16 @@ def test_ranks(comm, scheme):
     assert np.array(rows[0]) == pytest.approx(np.array(rows[1]), rel=1e-9, abs=1e-12)
 
 
+def test_velocity_by_group(comm):
+    """Each body has its own; others are at rest."""
+    problem, _ = bar(comm, 2, vmdg.Contact())
+    vmdg.solve_dynamics(problem, [1e-6], velocity={1: (-0.5, 0.25)})
+    v, cells = problem.velocity.x.array.reshape(-1, 2), problem.discretization.bodies.cells_of
+    for tag, value in ((1, [-0.5, 0.25]), (2, [0.0, 0.0])):
+        here = v[np.unique(problem.space.dofmap.list[cells[tag]])]
+        assert here == pytest.approx(np.broadcast_to(value, here.shape), abs=1e-5)
+
+
 def test_several_runs_are_one(comm):
     """A run that continues another is its continuation."""
     times, found = np.linspace(0.0, 0.8, 17)[1:], []
@@ -314,6 +324,8 @@ def test_step_that_fails(comm):
         ({"scheme": "explicit"}, TypeError, "must be vmdg.GeneralizedAlpha() or"),
         ({"velocity": 1.0}, TypeError, "function of positions x"),
         ({"velocity": lambda x: x}, ValueError, "velocity returned"),
+        ({"velocity": {3: (1.0, 0.0)}}, ValueError, "no cell has tag 3"),
+        ({"velocity": {1: 1.0}}, ValueError, "must be 2 finite numbers"),
         ({"options": vmdg.SolveOptions(cycles=10.0)}, ValueError, "no motion for cycles"),
         ({"history": 1}, TypeError, "must be a History"),
     ],

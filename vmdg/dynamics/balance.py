@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..problem.motion import moving
 from ..problem.problem import Problem
 
@@ -17,12 +20,15 @@ GAINED = "ENERGY_GAINED"
 class Balance:
     """The balance of energies, and what a scheme has made since it last paid it back.
 
-    Kinetic and stored energy grow by no more than the work of loads and supports less what is
-    dissipated: with I the imbalance (external + discretization - stored - dissipated - kinetic), no
-    step may lower I + b, b what the scheme itself has of the energy. The debt d grows where it
-    falls, and is paid back where it rises, but what a scheme dissipates is no credit for later:
+    Kinetic and stored energy E grow by no more than the work W of loads and supports, tau_s that
+    changes included. With b what the scheme itself has of the energy and w what unbalanced forces
+    may do, the debt d grows where E - b grows by more than W, and is paid back where it falls, but
+    what a scheme dissipates is no credit for later:
 
-        d_1 = max(d_0 + I_0 + b_0 - I_1 - b_1, 0) <= ALLOWED max(kinetic + stored) + w.
+        d_1 = max(d_0 + (E - W - b)_1 - (E - W - b)_0, 0) <= ALLOWED max(E) + w.
+
+    A strict balance counts what laws and bodies dissipate as spent. Where pairs of surfaces turn
+    that is not the work of their tractions, however short the step, so that it does not end a run.
 
     Args:
         problem: The problem, at the start of the run.
@@ -30,28 +36,32 @@ class Balance:
 
     def __init__(self, problem: Problem):
         self._step, self._motion = problem.step, moving(problem.step.motion)
-        self._debt = 0.0
+        self._debts = np.zeros(2)
         self._last, self._largest = self._measured()
 
-    def _measured(self) -> tuple[float, float]:
-        """Imbalance, and kinetic and stored energy; collective [N mm]."""
+    def _measured(self) -> tuple[NDArray[np.float64], float]:
+        """E - W without and with what is dissipated, and E; collective [N mm]."""
         energy = self._step.ledger.energy()
         energy = replace(energy, kinetic=self._motion.kinetic_energy())
-        return energy.imbalance, energy.kinetic + energy.stored
+        strict = -energy.imbalance
+        here = energy.kinetic + energy.stored
+        return np.array([strict - energy.dissipated, strict]), here
 
-    def holds(self, change: float = 0.0, work: float = 0.0) -> bool:
+    def holds(self, change: float = 0.0, work: float = 0.0, strict: bool = False) -> bool:
         """Whether the current state has no more energy than it may, from which the next one is
         then judged; collective.
 
         Args:
             change: b_1 - b_0, the same on every rank [N mm].
-            work: w, what unbalanced forces may have done, the same on every rank [N mm].
+            work: w, the same on every rank [N mm].
+            strict: Whether by the strict balance too.
         """
-        imbalance, here = self._measured()
-        debt = max(self._debt + self._last - imbalance - change, 0.0)
+        now, here = self._measured()
+        debts = np.maximum(self._debts + now - self._last - change, 0.0)
         # Not of what was made.
-        largest = max(self._largest, here - debt)
-        if not debt <= ALLOWED * largest + work:
+        largest = max(self._largest, here - debts[0])
+        allowed = ALLOWED * largest + work
+        if not (debts[: 1 + strict] <= allowed).all():
             return False
-        self._debt, self._last, self._largest = debt, imbalance, largest
+        self._debts, self._last, self._largest = np.minimum(debts, allowed), now, largest
         return True

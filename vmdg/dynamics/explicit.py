@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 #: Iterations of Lanczos's method, and waves of its first vector along the body.
 ITERATIONS, FAST = 25, 1e4
 
+#: Reason of a run that ends.
+_VANISHES = "STEP_VANISHES"
+
 
 class ExplicitSteps:
     """Steps of central differences, see :class:`.CentralDifferences`.
@@ -103,7 +106,7 @@ class ExplicitSteps:
     def advance(self, t: float) -> Iterator[Attempt]:
         """Steps to a time; an attempt that fails returns to the last state that was looked at, and
         the next one has steps half as long, with their critical step anew; collective."""
-        problem, most = self._problem, self._most_cuts
+        problem = self._problem
         good = problem.step.snapshot()
         if self._balance is None:
             self._balance, self._accelerations = Balance(problem), self._squares()
@@ -112,7 +115,7 @@ class ExplicitSteps:
                 problem.step.return_to(good)
                 self._drag, self._cuts, self._critical = None, self._cuts + 1, math.inf
                 yield Attempt(False, reason=reason)
-                if self._cuts > most:
+                if reason == _VANISHES:
                     return
                 continue
             if self._cuts:
@@ -133,12 +136,12 @@ class ExplicitSteps:
             self._critical = self._viscous.stable(self.critical_step())
             self._count = done = 0
             self._longest = max(self._longest, self._critical)
-        least = self._longest / 2**self._most_cuts
-        if not self._critical >= least:
-            return "STEP_VANISHES"
+        # So that the number of steps is bounded.
+        longest = self._critical / 2**self._cuts
+        if not longest >= self._longest / 2**self._most_cuts:
+            return _VANISHES
         start, span = problem.t, t - problem.t
-        longest = scheme.safety * self._critical / 2**self._cuts
-        steps = max(math.ceil(span / longest), 1)
+        steps = max(math.ceil(span / (scheme.safety * longest)), 1)
         some = min(steps, scheme.renewal - done)
         times = start + np.arange(some + 2) / steps * span
         if some == steps:

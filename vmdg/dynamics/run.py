@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 import numpy as np
@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.agreement import same_call, together
 from ..base.parallel import raise_together
+from ..domain.tags import Group, by_tag
 from ..output.history import History
-from ..problem.loading import let_go
+from ..problem.loading import groups_of, let_go
 from ..problem.motion import moving
 from ..problem.problem import Problem
 from ..problem.step import enter_given_state
@@ -29,7 +30,7 @@ from .supports import SupportMotion
 
 Array = NDArray[np.float64]
 Scheme: TypeAlias = GeneralizedAlpha | CentralDifferences
-Velocity: TypeAlias = Callable[[Array], Array] | fem.Function | None
+Velocity: TypeAlias = Callable[[Array], Array] | fem.Function | Mapping[Group, ArrayLike] | None
 
 
 def solve_dynamics(
@@ -66,8 +67,9 @@ def solve_dynamics(
             in between are stable.
         scheme: The scheme; None for ``GeneralizedAlpha()``.
         velocity: Velocity at the start, in a periodic cell of w: a Function of
-            :attr:`.Problem.space`, or a function of positions x (3, n) with values (d, n); None for
-            the current one, zero at first [mm/s].
+            :attr:`.Problem.space`, a function of positions x (3, n) with values (d, n), or
+            velocities (d,) by group, such as ``{"bar": (0, -1e4)}``, others at rest; None for the
+            current one, zero at first [mm/s].
         monitor: As for :func:`vmdg.solve`.
         options: As for :func:`vmdg.solve`; there is no path to follow.
         history: History of an earlier run to continue, from :func:`vmdg.read_checkpoint`: the
@@ -101,21 +103,22 @@ def solve_dynamics(
         if history is None:
             _set_out(problem, velocity, supports, float(times[0]), steps)
         for number, t in enumerate(times):
-            start, found, cuts, count = problem.t, Attempt(), 0, 0
+            start, found, count, reasons = problem.t, Attempt(), 0, []
             problem.step.set_out()
             run.check()
             for found in steps.advance(float(t)):
+                count += found.converged
                 if not found.converged:
+                    reasons.append(found.reason)
                     result.failures.append((problem.t, found.reason))
                     run.progress.say(f"step in time from {problem.t:.8g} s failed: {found.reason}")
-                cuts, count = cuts + (not found.converged), count + found.converged
                 run.check()
             if problem.t < t:
                 failed = problem.t
                 run.back()
-                raise StepFailure(_complaint(failed, float(t), problem.t, found), result)
+                raise StepFailure(_complaint(failed, float(t), problem.t, reasons), result)
             row, more = common_columns(
-                problem, "time [s]", found, len(result.history) + 1, cuts, options.energy
+                problem, "time [s]", found, len(result.history) + 1, len(reasons), options.energy
             )
             row |= {"steps [-]": count} | more
             run.add(row | watched_row(problem, monitor), found)
@@ -145,7 +148,7 @@ def _checked(
         )
     given = np.asarray(times)
     # A function has another address on every rank.
-    kind = "a function" if callable(velocity) else type(velocity).__name__
+    kind = str(velocity) if isinstance(velocity, Mapping) else type(velocity).__name__
     said = [f"times = {given.tolist()}", f"scheme = {scheme}", f"velocity = {kind}"]
     same_call(problem.comm, "solve_dynamics", said)
     start, kinds = problem.t, "iuf"
@@ -192,6 +195,8 @@ def _set_out(
                 "solve_dynamics: velocity must be a Function of problem.space, or a function of x"
             )
         v = velocity.x.array
+    elif isinstance(velocity, Mapping):
+        v = _by_group(problem, velocity)
     elif callable(velocity):
         x = problem.space.tabulate_dof_coordinates().T
         values = together(problem.comm, lambda: np.asarray(velocity(x), dtype=float))
@@ -204,8 +209,9 @@ def _set_out(
             v[means.rows] = 0.0
     elif velocity is not None:
         raise TypeError(
-            f"solve_dynamics: velocity = {velocity!r} must be a Function of problem.space or a "
-            "function of positions x (3, n) with values (d, n)"
+            f"solve_dynamics: velocity = {velocity!r} must be a Function of problem.space, a "
+            'function of positions x (3, n) with values (d, n), or velocities by group, {"bar": '
+            "(0, -1e4)}"
         )
     start = v[: problem.discretization.owned].copy()
     start[problem.loading.owned_prescribed] = supports.at(problem.t, problem.t, first)[0]
@@ -213,6 +219,25 @@ def _set_out(
     problem.step.ledger.enter_start(motion.kinetic_energy() - kinetic)
     steps.accelerate()
     enter_given_state(problem.step)
+
+
+def _by_group(problem: Problem, velocity: Mapping[Group, ArrayLike]) -> Array:
+    """Velocity of local dofs from those of groups; where bodies share nodes, of the last group."""
+    d, cells_of = problem.mesh.geometry.dim, problem.discretization.bodies.cells_of
+    given = by_tag(velocity, groups_of(problem.loading), "solve_dynamics: velocity")
+    v = np.zeros_like(problem.u.x.array)
+    for tag, value in given.items():
+        values = np.asarray(value, dtype=float)
+        if tag not in cells_of:
+            raise ValueError(
+                f"solve_dynamics: velocity: no cell has tag {tag}; tags are {sorted(cells_of)}"
+            )
+        if values.shape != (d,) or not np.isfinite(values).all():
+            raise ValueError(
+                f"solve_dynamics: velocity of {tag} = {value!r} must be {d} finite numbers"
+            )
+        v.reshape(-1, d)[problem.space.dofmap.list[cells_of[tag]]] = values
+    return v
 
 
 def _steps(
@@ -227,8 +252,8 @@ def _steps(
     return ImplicitSteps(problem, scheme, options, supports)
 
 
-def _complaint(failed: float, t: float, row: float, found: Attempt) -> str:
-    why = explained([found.reason], in_time=True)
+def _complaint(failed: float, t: float, row: float, reasons: list[str]) -> str:
+    why = explained(reasons, in_time=True)
     return (
         f"the step in time from {failed:.8g} to {t:.8g} s failed; the problem is in the state of "
         f"its last row, at {row:.8g} s. In the last attempt {why}."

@@ -148,7 +148,7 @@ IN_TIME = {
         "surfaces that slide meet",
     ),
     "STEP_VANISHES": Reason(
-        "the critical step has fallen to the longest one so far over 2^max_cuts: cells are crushed",
+        "steps are shorter than the longest critical one so far over 2^max_cuts",
         f"{_CRUSHED}; SolveOptions(max_cuts=12)",
     ),
 }

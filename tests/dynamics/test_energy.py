@@ -1,0 +1,130 @@
+"""No step makes energy: impacts with few steps, stiff waves, crushed cells, friction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from support.apart import block
+
+import vmdg
+from vmdg.meshes import apart, blocks
+
+ENERGY = vmdg.SolveOptions(energy=True)
+
+
+def thrown(comm, steps, tilt=0.0, rho_inf=0.8, friction=0.0, scheme=None):
+    """A square block of 1 mm that flies at a rigid floor at a hundredth of its wave speed:
+    its energy and its momentum upwards in the rows, relative to those of the start.
+
+    Args:
+        steps: Number of steps while a wave runs through it and back.
+        tilt: Of the block [degrees].
+    """
+    E, nu, rho = 50.0, 0.3, 1e-9
+    c = np.sqrt(E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) / rho)
+    speed, span = 0.01 * c, 2 / c
+    parts = [
+        block("quadrilateral", (8, 1), [-2.0, -0.5], [2.0, 0.0], 1, comm),
+        block("quadrilateral", (2, 2), [-0.5, -0.5], [0.5, 0.5], 2, comm),
+    ]
+    x, turn = parts[1][0].geometry.x, np.deg2rad(tilt)
+    x[:, :2] = x[:, :2] @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]
+    gap = 0.2 * speed * span / steps
+    x[:, 1] += gap + (np.cos(turn) + np.sin(turn)) / 2
+    scene = apart(parts)
+    problem = vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        {1: vmdg.Rigid(), 2: vmdg.NeoHookean(E=E, nu=nu)},
+        [vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction), sliding=True)],
+        density={2: rho},
+    )
+    owned = problem.discretization.owned
+
+    def upwards(problem):
+        motion, v = problem.step.motion, problem.velocity.x.array[:owned]
+        P = motion.of(v) if motion.lumped is None else motion.lumped * v
+        return {"up": comm.allreduce(P[1::2].sum())}
+
+    start = lambda x: np.array([0 * x[0], -speed * (x[1] > gap / 2)])  # noqa: E731
+    times = np.linspace(0.0, 4 * span, 4 * steps + 1)[1:]
+    scheme = scheme or vmdg.GeneralizedAlpha(rho_inf)
+    history = vmdg.solve_dynamics(problem, times, scheme, start, upwards, ENERGY).history
+    energy = sum(history[name] for name in ("kinetic", "bulk", "interface"))
+    return energy / (rho * speed**2 / 2), history["up"] / (rho * speed)
+
+
+@pytest.mark.parametrize(
+    ("steps", "tilt", "rho_inf"),
+    [(1, 0.0, 0.8), (2, 0.0, 1.0), (4, 0.0, 0.8), (3, 10.0, 0.8), (7, 20.0, 0.5)],
+)
+def test_impact(comm, steps, tilt, rho_inf):
+    """A block leaves with at most the energy that it came with, and the scheme may owe 1 %."""
+    energy, up = thrown(comm, steps, tilt, rho_inf)
+    assert energy.max() <= 1.01
+    assert 0 < up[-1] <= 1
+
+
+def test_stiff_wave(comm):
+    """The fastest mode of a bar, 25 times as fast as the step resolves, gains nothing."""
+    scene = blocks(comm, "quadrilateral", divisions=(20, 1), length=2.0, height=0.1)
+    body = vmdg.NeoHookean(E=1.0, nu=0.0)
+    tie = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
+    density = {1: 1.0, 2: 1.0}
+    problem = vmdg.Problem(
+        scene.mesh, scene.cell_tags, {1: body, 2: body}, [tie], kinematics="small", density=density
+    )
+    start = lambda x: np.array([np.cos(20 * np.pi * x[0]), 0 * x[0]])  # noqa: E731
+    history = vmdg.solve_dynamics(problem, np.arange(1.0, 9.0), None, start, options=ENERGY).history
+    assert np.all(history["imbalance"] >= -0.01 * history["external"][0])
+
+
+def test_crushed_bar(comm):
+    """An explicit bar is pushed at .4 of its wave speed, which stiffens its cells after the step
+    was chosen: no cell is inverted, and kinetic energy is less than the work."""
+    scene = blocks(comm, "quadrilateral", (40, 1), length=2.0, height=0.1)
+    body = vmdg.NeoHookean(E=10.0, nu=0.3)
+    bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(1e3, 0.2))
+    density = {1: 1e-3, 2: 1e-3}
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: body, 2: body}, [bond], density=density)
+    speed = np.sqrt(10 * 0.7 / (1.3 * 0.4) / 1e-3)
+    for side in (4, 5):
+        problem.dirichlet(scene.facet_tags.find(side), 0.0, "y")
+    problem.dirichlet(scene.facet_tags.find(1), lambda t: 0.4 * speed * t, "x")
+    problem.dirichlet(scene.facet_tags.find(2), 0.0, "x")
+    times, scheme = np.linspace(0, 2.4 / speed, 9)[1:], vmdg.CentralDifferences()
+    result = vmdg.solve_dynamics(problem, times, scheme, options=ENERGY)
+    history = result.history
+    assert {reason for _, reason in result.failures} <= {"CELLS_INVERTED", "ENERGY_GAINED"}
+    assert not problem.discretization.inverted()
+    assert np.all(history["kinetic"] < history["external"])
+    assert np.abs(history["imbalance"]).max() < 0.01 * history["external"].max()
+
+
+def test_friction_of_contact_nodes(comm):
+    """An explicit block hops and slides on an elastic plate: its contact nodes, which alternate
+    between sticking and slipping, settle, and it goes on."""
+    parts = [
+        block("quadrilateral", (4, 1), [0.0, -1.0], [4.0, 0.0], 1, comm),
+        block("quadrilateral", (2, 2), [1.0, 0.0], [3.0, 1.0], 2, comm),
+    ]
+    scene, body = apart(parts), vmdg.NeoHookean(E=1000.0, nu=0.3)
+    problem = vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        {1: body, 2: body},
+        [vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction=0.2), gap="keep")],
+        density={1: 1e-3, 2: 1e-3},
+    )
+    problem.dirichlet(lambda x: np.isclose(x[1], -1), 0.0)
+    problem.body_force(np.array([0.0, -1.0]))
+    moving = np.unique(problem.space.dofmap.list[problem.discretization.bodies.cells_of[2]])
+    velocity = fem.Function(problem.space)
+    velocity.x.array.reshape(-1, 2)[moving] = [3.0, -10.0]
+    times, scheme = np.linspace(0, 0.04, 41)[1:], vmdg.CentralDifferences()
+    history = vmdg.solve_dynamics(problem, times, scheme, velocity, options=ENERGY).history
+    assert problem.t == times[-1]
+    assert history["friction"][-1] > 0
+    gained = history["kinetic"] + history["bulk"] + history["interface"] - history["external"]
+    assert gained.max() < 0.03 * history["external"].max()

@@ -1,0 +1,117 @@
+"""How a run in time ends: rows, exceptions anywhere, failures, and runs that continue."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.scenes import LEFT, RIGHT, two_blocks
+
+import vmdg
+
+TIMES = np.linspace(0.0, 0.8, 17)[1:]
+QUIET = vmdg.SolveOptions(energy=True)
+SCHEMES = [vmdg.GeneralizedAlpha(), vmdg.CentralDifferences(renewal=7)]
+EVERY_SCHEME = pytest.mark.parametrize("scheme", SCHEMES, ids=["implicit", "explicit"])
+
+
+def pulled(comm, kinematics="small"):
+    """Two bonded blocks, one held, the other moved by a support that accelerates."""
+    scene = two_blocks(comm, "quadrilateral", 3)
+    body = vmdg.NeoHookean(E=1.0, nu=0.3)
+    bond = vmdg.Debonding(strength=0.05, critical_gap=0.3)
+    problem = vmdg.Problem(
+        scene.mesh,
+        scene.cell_tags,
+        {1: body, 2: body},
+        [vmdg.Interface(between=(1, 2), law=bond)],
+        kinematics=kinematics,
+        density={1: 1.0, 2: 1.0},
+    )
+    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0)
+    problem.dirichlet(scene.facet_tags.find(RIGHT), lambda t: 0.1 * (1 - np.cos(3 * t)), "x")
+    return problem
+
+
+def state(problem):
+    """What a run continues from."""
+    motion = problem.step.motion
+    found = [problem.u.x.array, problem.velocity.x.array, motion.acceleration, motion.carried]
+    return np.concatenate([[problem.t], *found])
+
+
+def fail_in(problem, call, error):
+    """Let the residual of a call fail once."""
+    plain, count = problem.step.assemble_residual, [0]
+
+    def residual(*given, **named):
+        count[0] += 1
+        if count[0] == call:
+            raise error
+        return plain(*given, **named)
+
+    problem.step.assemble_residual = residual
+
+
+@EVERY_SCHEME
+def test_exceptions_anywhere(comm, scheme):
+    """Ctrl-C twice, or any error within a step: the state is that of the last row, and the run goes
+    on from there as if nothing had happened."""
+    whole, rows = pulled(comm), {0: state(pulled(comm))}
+    keep = lambda p: rows.update({len(rows): state(p)}) or {}  # noqa: E731
+    expected = vmdg.solve_dynamics(whole, TIMES, scheme, None, keep, QUIET).history
+    rng = np.random.default_rng(3)
+    for number, call in enumerate(rng.choice(np.arange(2, 16), 6, replace=False)):
+        problem, history = pulled(comm), vmdg.History()
+        error = KeyboardInterrupt if number % 2 else IndexError
+        fail_in(problem, call, error)
+        with pytest.raises(error):
+            vmdg.solve_dynamics(problem, TIMES, scheme, options=QUIET, history=history)
+        assert np.array_equal(state(problem), rows[len(history)])
+        vmdg.solve_dynamics(problem, TIMES, scheme, options=QUIET, history=history)
+        assert history["time"] == pytest.approx(TIMES)
+        assert history["kinetic"] == pytest.approx(expected["kinetic"], rel=1e-9)
+        assert state(problem) == pytest.approx(rows[len(TIMES)], rel=1e-9, abs=1e-9)
+
+
+@EVERY_SCHEME
+def test_extended(comm, scheme):
+    """A run that is extended is one run, whose supports know their acceleration at its end."""
+    found = []
+    for parts in ([TIMES], [TIMES[:7], TIMES]):
+        problem, history = pulled(comm), None
+        for times in parts:
+            found_here = vmdg.solve_dynamics(problem, times, scheme, options=QUIET, history=history)
+            history = found_here.history
+        found.append((state(problem), history["kinetic"], history["external"]))
+    for one, other in zip(*found, strict=True):
+        assert one == pytest.approx(other, rel=1e-12, abs=1e-12)
+
+
+def test_explicit_run_that_fails(comm):
+    """A load that throws the body away: the state is that of the last row."""
+    problem, far = pulled(comm, "finite"), lambda x: np.isclose(x[1], 1.0)
+    problem.traction(far, lambda t: (0.0, -1e9 * max(t - 0.1, 0.0) ** 2))
+    seen = []
+    with pytest.raises(vmdg.StepFailure, match="in the state of its last row") as error:
+        vmdg.solve_dynamics(
+            problem, TIMES, SCHEMES[1], None, lambda p: seen.append(state(p)), QUIET
+        )
+    assert problem.t == error.value.result.history["time"][-1]
+    assert np.array_equal(state(problem), seen[-1])
+    assert "cells are inverted" in str(error.value)
+
+
+@EVERY_SCHEME
+def test_monitor_that_does_more_than_look(comm, scheme):
+    """It must not run the problem; its errors leave the last row."""
+    problem = pulled(comm)
+
+    def monitor(problem):
+        if problem.t > TIMES[1]:
+            vmdg.solve_dynamics(problem, [1.0])
+
+    history = vmdg.History()
+    with pytest.raises(RuntimeError, match="its monitor must not solve it"):
+        vmdg.solve_dynamics(problem, TIMES, scheme, monitor=monitor, history=history)
+    assert problem.t == history["time"][-1] == TIMES[1]
+    assert {"step", "time", "iterations", "cuts", "steps", "krylov"} <= set(history.rows[-1])
