@@ -54,6 +54,7 @@ class Record:
         gap: zeta~ of every interface.
         traction: T~ of every interface.
         energy: Energies.
+        reactions: Of every support (d,), of all ranks.
     """
 
     t: float
@@ -64,9 +65,10 @@ class Record:
     gap: list[Array]
     traction: list[Array]
     energy: vmdg.problem.states.Energy
+    reactions: list[Array]
 
     @classmethod
-    def of(cls, problem: vmdg.Problem) -> Record:
+    def of(cls, problem: vmdg.Problem, case: Case) -> Record:
         """The state of a problem."""
         states = problem.state
         return cls(
@@ -78,6 +80,7 @@ class Record:
             [in_frame(state.gap, state.rotation) for state in states],
             [in_frame(state.traction, state.rotation) for state in states],
             problem.energy(),
+            [] if case.periodic else [problem.reaction(s.where) for s in case.supports],
         )
 
 
@@ -201,7 +204,7 @@ def at_last_record(run: Run) -> list[str]:
 
     A step that failed may have opened facets on demand: all of them are intact.
     """
-    now, last = Record.of(run.problem), run.records[-1]
+    now, last = Record.of(run.problem, run.case), run.records[-1]
     if len(now.u) > len(last.u):
         held = np.allclose([*vars(now.energy).values()], [*vars(last.energy).values()], rtol=1e-9)
         intact = now.t == last.t and held
@@ -319,6 +322,8 @@ def _confined(material: vmdg.Material) -> float:
     if isinstance(material, vmdg.Ogden):
         shear = sum(values[f"c{a + 1}"] for a in range(material.terms)) / 2
         return values["kappa"] + 4 / 3 * shear
+    if isinstance(material, vmdg.Orthotropic):
+        return max(values.values())
     return values["lmbda"] + 2 * values["mu"]
 
 
@@ -384,7 +389,8 @@ def fixed_point(points: Points) -> list[str]:
 def criterion(points: Points) -> list[str]:
     """Boxes 2 and 3 by hand, for the law with linear softening.
 
-    |T| <= R in tension; |T_T| <= max(R, mu |T_N|) under pressure; pressure on closed points only.
+    |T| <= R in tension; |T_T| <= max(R, mu |T_N|) under pressure, or R + Q/P mu |T_N| with gradual
+    friction; pressure on closed points only.
     """
     law = points.law
     if not isinstance(law, vmdg.Debonding):
@@ -394,7 +400,9 @@ def criterion(points: Points) -> list[str]:
     gap, _ = points.split(points.gap)
     tolerance = 10 * points.tolerance
     pressed = normal < 0
-    allowed = np.where(pressed, np.maximum(R, -law.friction * normal), R)
+    rubs = -law.friction * normal
+    held = R + points.softening / law.strength * rubs if gradual(law) else np.maximum(R, rubs)
+    allowed = np.where(pressed, held, R)
     size = np.where(pressed, shear, np.hypot(normal, shear))
     found = []
     if (over := size - allowed - tolerance).max(initial=-1) > 0:
@@ -403,6 +411,11 @@ def criterion(points: Points) -> list[str]:
     if (normal[open_] < -tolerance[open_]).any():
         found.append(f"pressure {-normal[open_].min():.2e} MPa on an open point")
     return found
+
+
+def gradual(law: vmdg.Debonding) -> bool:
+    """Whether friction acts on the broken fraction of a point only."""
+    return law.unloads_to_origin or bool(law.gradual_friction)
 
 
 def irreversible(run: Run) -> list[str]:
@@ -435,6 +448,9 @@ def yielding(run: Run) -> list[str]:
         own, F = np.split(F, [len(tau)])
         if run.case.kinematics == "finite":
             tau = tau @ own.transpose(0, 2, 1)
+            if run.case.eigenstrain:  # per volume of the body without stress
+                strain = run.case.eigenstrain.get(tag, lambda t: np.zeros((3, 3)))(run.problem.t)
+                tau = tau / np.linalg.det(np.eye(3) + strain)
         alpha, given = history["alpha"], material.numbers
         p = np.trace(tau, axis1=1, axis2=2) / 3
         s = tau - p[:, None, None] * np.eye(3)

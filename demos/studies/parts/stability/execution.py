@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+from mpi4py import MPI
+
 import vmdg
 from parts.stability.checks import Record, Run
 from parts.stability.scenes import Case
@@ -15,22 +17,22 @@ class Refused(Exception):
     """A clear error on input where one was due."""
 
 
-def execute(case: Case) -> Run:
+def execute(case: Case, comm: MPI.Comm = MPI.COMM_SELF) -> Run:
     """Solve, up to the end or to the error that stops it.
 
     Raises:
         Refused: the input cannot work, and the message says why.
     """
     try:
-        problem = case.problem()
+        problem = case.problem(comm=comm)
     except ValueError as error:
         if case.refusal and re.search(case.refusal, str(error)):
             raise Refused(str(error)) from None
         raise
-    run = Run(case, problem, [Record.of(problem)])
+    run = Run(case, problem, [Record.of(problem, case)])
 
     def monitor(problem: vmdg.Problem) -> None:
-        run.records.append(Record.of(problem))
+        run.records.append(Record.of(problem, case))
 
     history = vmdg.History()
     try:

@@ -106,7 +106,10 @@ def examine(run: Run, files: bool = False) -> tuple[str, str]:
 
 
 def stress(
-    number: int, patience: float = PATIENCE, execute: Callable[[Case], Run] = execute
+    number: int,
+    patience: float = PATIENCE,
+    execute: Callable[[Case], Run] = execute,
+    draw: Callable[[int], Case] = draw,
 ) -> Outcome:
     """Draw, run and examine one case.
 
@@ -114,6 +117,7 @@ def stress(
         number: Of the case.
         patience: Seconds after which it hangs.
         execute: Runs a case.
+        draw: Case of a number.
     """
     start = perf_counter()
     case = draw(number)

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 
 import basix
 import basix.ufl
 import numpy as np
-from dolfinx.mesh import compute_midpoints, create_mesh, meshtags
+from dolfinx.mesh import (
+    Mesh,
+    compute_midpoints,
+    create_mesh,
+    entities_to_geometry,
+    exterior_facet_indices,
+    meshtags,
+)
 from numpy.typing import NDArray
 
 import vmdg
@@ -20,6 +27,7 @@ from parts.coercivity.cells import grid
 from vmdg.assembly.values import Value
 from vmdg.domain.topology import facet_cells
 from vmdg.interface.interface import StabilizationRule
+from vmdg.meshes.partition import cell_partitioner
 
 if TYPE_CHECKING:
     from parts.stability.checks import Run
@@ -190,6 +198,9 @@ class Bond:
             are open from the start.
         initial_damage: As for :class:`vmdg.Interface`.
         slides: Whether its surfaces slide, which share no nodes.
+        gap: As for :class:`vmdg.Interface`.
+        surfaces: Nodes of the surfaces (n,) of two bodies that share none, side 1 first, in place
+            of ``between``.
     """
 
     law: vmdg.Law
@@ -198,6 +209,8 @@ class Bond:
     opens_at: float | None = None
     initial_damage: Callable[[Array], Array] | None = None
     slides: bool = False
+    gap: str | None = None
+    surfaces: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
 
 
 @dataclass(frozen=True)
@@ -256,6 +269,7 @@ class Case:
         periodic: As there; without supports.
         motion: A motion, whose times are the load factors; None for equilibrium.
         judge: Compares all rows of a run with an independent solution; says what is wrong.
+        form: More options of :class:`vmdg.Problem`.
     """
 
     family: str
@@ -279,6 +293,7 @@ class Case:
     periodic: vmdg.Periodic | None = None
     motion: Motion | None = None
     judge: Callable[[Run], list[str]] | None = None
+    form: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
         geometry = self.symmetry or self.kinematics
@@ -293,6 +308,7 @@ class Case:
         self,
         stabilizations: tuple[StabilizationRule | None, ...] | None = None,
         opened: tuple[NDArray[np.int32] | None, ...] | None = None,
+        comm: MPI.Comm = MPI.COMM_SELF,
     ) -> vmdg.Problem:
         """The problem at its start.
 
@@ -300,10 +316,13 @@ class Case:
             stabilizations: One for every interface in place of (21)-(23).
             opened: Open facets of interfaces that open on demand, which are interfaces from the
                 start then; None for none.
+            comm: Communicator of the mesh.
         """
         mesh, d = self.mesh, self.mesh.d
         element = basix.ufl.element("Lagrange", mesh.kind, 1, shape=(d,))
-        dolfinx_mesh = create_mesh(MPI.COMM_SELF, cells=mesh.cells, x=mesh.nodes, e=element)
+        some = slice(None) if comm.rank == 0 else slice(0)
+        cells, nodes, split = mesh.cells[some], mesh.nodes[some], cell_partitioner()
+        dolfinx_mesh = create_mesh(comm, cells=cells, x=nodes, e=element, partitioner=split)
         original = np.asarray(dolfinx_mesh.topology.original_cell_index)
         numbers = np.arange(len(original), dtype=np.int32)
         tags = self.tags[original].astype(np.int32)
@@ -311,14 +330,18 @@ class Case:
         pairs = facet_cells(dolfinx_mesh)
         inner = np.flatnonzero((pairs >= 0).all(axis=1)).astype(np.int32)
         midpoints = compute_midpoints(dolfinx_mesh, d - 1, inner).T
-        frame = "corotating" if self.kinematics == "finite" else "reference"
         interfaces = []
         none = (None,) * len(self.bonds)
         for bond, own, open_ in zip(
             self.bonds, stabilizations or none, opened or none, strict=True
         ):
+            turns = self.kinematics == "finite" or bond.slides
+            frame = "corotating" if turns else "reference"
             options = {"law": bond.law, "frame": frame, "stabilization": own}
             options |= {"initial_damage": bond.initial_damage, "sliding": bond.slides}
+            options |= {"gap": bond.gap}
+            if bond.surfaces is not None:
+                options["surfaces"] = tuple(facets_of(dolfinx_mesh, on) for on in bond.surfaces)
             if bond.opens_at is not None and open_ is None:
                 options |= {"activate": "on-demand", "activate_at": bond.opens_at}
             facets = open_ if bond.opens_at is not None else None
@@ -336,6 +359,7 @@ class Case:
             eigenstrain=self.eigenstrain,
             periodic=self.periodic,
             density=self.motion and self.motion.density,
+            **self.form,
         )
         for support in self.supports:
             problem.dirichlet(support.where, support.value, support.component)
@@ -348,6 +372,15 @@ class Case:
         if self.traction is None:
             return np.zeros(self.mesh.d)
         return self.traction(t) * self.mesh.size[1:].prod()
+
+
+def facets_of(mesh: Mesh, on: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Facets of the boundary all of whose nodes, by their number in the input, are chosen (n,)."""
+    d = mesh.topology.dim
+    mesh.topology.create_connectivity(d - 1, d)
+    facets = exterior_facet_indices(mesh.topology)
+    nodes = mesh.geometry.input_global_indices[entities_to_geometry(mesh, d - 1, facets)]
+    return facets[on[nodes].all(axis=1)]
 
 
 def legs(count: int, steps: int) -> Array:
