@@ -9,8 +9,9 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.agreement import Interrupt, same_call, together
+from ..base.agreement import Interrupt, same_arguments, together
 from ..base.parallel import raise_together
+from ..base.texts import in_full
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import warn_of_replacement, write_checkpoint
 from ..output.history import History, HistoryFile
@@ -20,7 +21,7 @@ from ..problem.problem import Problem
 from ..problem.step import enter_given_state
 from ..solver.attempt import Attempt
 from ..solver.monitors import Monitor, check_functions, energy_columns, sliding_column, watched_row
-from ..solver.options import SolveOptions
+from ..solver.options import SolveOptions, silent
 from ..solver.progress import Progress
 from ..solver.reasons import explained
 from ..solver.result import Counts, Result, StepFailure
@@ -89,7 +90,20 @@ def solve_dynamics(
             of the wrong size.
         TypeError: an argument of the wrong type.
     """
-    options, scheme = options or SolveOptions(), scheme or GeneralizedAlpha()
+    options = SolveOptions() if options is None else options
+    scheme = GeneralizedAlpha() if scheme is None else scheme
+    if not isinstance(problem, Problem):
+        raise TypeError(f"solve_dynamics: problem = {problem!r} must be a vmdg.Problem")
+    same_arguments(
+        problem.comm,
+        "solve_dynamics",
+        times=in_full(times),
+        scheme=scheme,
+        velocity=velocity,
+        monitor=monitor and "given",
+        options=silent(options),
+        history=len(history) if isinstance(history, History) else history,
+    )
     times = _checked(problem, times, scheme, options, history)
     check_functions(monitor=monitor)
     result = Result(history=History() if history is None else history)
@@ -152,8 +166,6 @@ def _checked(
     history: History | None,
 ) -> Array:
     """The times, after checks of all arguments; collective."""
-    if not isinstance(problem, Problem):
-        raise TypeError(f"solve_dynamics: problem = {problem!r} must be a vmdg.Problem")
     if not isinstance(scheme, Scheme):
         raise TypeError(
             f"solve_dynamics: scheme = {scheme!r} must be vmdg.GeneralizedAlpha() or "
@@ -162,7 +174,6 @@ def _checked(
     if not isinstance(options, SolveOptions):
         raise TypeError(f"solve_dynamics: options = {options!r} must be SolveOptions(...)")
     given = np.asarray(times)
-    same_call(problem.comm, "solve_dynamics", [f"times = {given.tolist()}"])
     start, kinds = problem.t, "iuf"
     if history is not None and not isinstance(history, History):
         raise TypeError(f"solve_dynamics: history = {history!r} must be a History")

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
-from ..base.agreement import together
+from ..base.agreement import same_arguments, together
 from ..base.parallel import raise_together, warn_together
+from ..base.texts import in_full
 from ..problem.problem import Problem
 from ..solver.monitors import Monitor, Until
-from ..solver.options import SolveOptions
+from ..solver.options import SolveOptions, silent
 from ..solver.result import StepFailure
 from ..solver.stepping import solve
 from .curves import Curve
@@ -90,6 +91,21 @@ def identify(
         ValueError: a start value is not positive or outside of its bounds, names of bounds, priors
             or experiments do not match, or there are fewer points than parameters.
     """
+    comm = MPI.COMM_WORLD if comm is None else comm
+    same_arguments(
+        comm,
+        "identify",
+        measured=_numbers(measured),
+        start=start,
+        bounds=bounds,
+        sigma=sigma,
+        loads=in_full(loads),
+        priors=priors,
+        options=silent(options),
+        file=file,
+        spread=spread,
+        max_runs=max_runs,
+    )
     several = isinstance(make_problem, Mapping)
     makes: dict[str, Make] = {}
     makes |= make_problem if isinstance(make_problem, Mapping) else {"measured": make_problem}
@@ -103,9 +119,18 @@ def identify(
     if count < len(names) + (sigma is None and not own):
         raise ValueError(f"identify: {count} points do not determine {len(names)} parameters")
     given = makes, curves, programmes, options or SolveOptions(), sigma or 1.0, known
-    model = _Model(*given, names, (low, high), comm or MPI.COMM_WORLD, file, spread)
+    model = _Model(*given, names, (low, high), comm, file, spread)
     solution = model.fit(np.log([start[name] for name in names]), max_runs)
     return _result(solution, model, sigma)
+
+
+def _numbers(measured: Any) -> Any:
+    """All numbers of curves, of one, of a list or by name."""
+    if isinstance(measured, Mapping):
+        return {name: _numbers(curve) for name, curve in measured.items()}
+    if isinstance(measured, list | tuple):
+        return [_numbers(curve) for curve in measured]
+    return {k: in_full(v) for k, v in getattr(measured, "__dict__", {}).items()}
 
 
 class _Model:

@@ -12,7 +12,8 @@ from petsc4py import PETSc
 from numpy.typing import ArrayLike
 
 from ..assembly.means import lattice_of
-from ..base.agreement import Interrupt, leave_together, same_call
+from ..base.agreement import Interrupt, leave_together, same_arguments
+from ..base.texts import in_full
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import claim_checkpoint, warn_of_replacement, write_checkpoint
 from ..linear.features import switchboard
@@ -34,7 +35,7 @@ from .monitors import (
     sliding_column,
     watched_row,
 )
-from .options import SolveOptions
+from .options import SolveOptions, silent
 from .path import Part, Path
 from .progress import Progress
 from .result import Counts, Result, StepFailure
@@ -59,7 +60,8 @@ def solve(
         problem: Changed in place; ends in the state of the last load factor. Bodies that move after
             :func:`vmdg.solve_dynamics` are brought to rest.
         loads: Load factors to reach in sequence; an int is a number of equal steps to 1.
-        options: See :class:`SolveOptions`; those of rank 0 apply on all ranks.
+        options: See :class:`SolveOptions`; equal on all ranks but for what is printed, where those
+            of rank 0 apply.
         monitor: Called after every converged step, on all ranks; it returns numbers for the history
             row, by names that may include a unit: "force [N]" is column "force". They must be equal
             on every rank, and the problem must not be changed.
@@ -94,7 +96,21 @@ def solve(
     However a run ends, the problem is in the state of its last row, or as left by the last failed
     step; an error of the monitor, of ``until`` or of a load on one rank is raised on all.
     """
-    options = options or SolveOptions()
+    options = SolveOptions() if options is None else options
+    if not isinstance(problem, Problem):
+        raise TypeError(
+            f"solve: problem = {problem!r} must be a vmdg.Problem: solve(problem, loads)"
+        )
+    same_arguments(
+        problem.comm,
+        "solve",
+        loads=in_full(loads),
+        monitor=monitor and "given",
+        until=until and "given",
+        derivatives=derivatives,
+        history=len(history) if isinstance(history, History) else history,
+        options=silent(options),
+    )
     if not isinstance(options, SolveOptions):
         raise TypeError(f"solve: options = {options!r} must be SolveOptions(...)")
     if history is not None and not isinstance(history, History):
@@ -103,9 +119,7 @@ def solve(
     check_functions(**functions)
     _refuse_nested(problem)
     loads = checked_loads(loads, problem, None if history is None else history.rows)
-    given = [name for name, value in functions.items() if value is not None]
-    same_call(problem.comm, "solve", [", ".join(given) or "neither monitor nor until"])
-    # Options of rank 0 for files and bars apply to all.
+    # Options of rank 0 for bars apply to all.
     options = problem.comm.bcast(options)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
