@@ -23,6 +23,7 @@ from typing import Any, TypeVar, cast
 
 from mpi4py import MPI
 
+from .door import door
 from .parallel import PATIENCE, end_job, global_any, within
 from .texts import as_text
 
@@ -159,7 +160,7 @@ _LOCAL = ("self", "facets", "where", "interface")
 def of_all_ranks(method: Callable[..., T]) -> Callable[..., T]:
     """Decorate a collective method of an object with a communicator ``comm``, whose arguments are
     equal on all ranks."""
-    parameters = inspect.signature(method)
+    parameters, call = inspect.signature(method), door(method)
 
     @wraps(method)
     def checked(self: Any, *arguments: Any, **keywords: Any) -> T:
@@ -169,7 +170,7 @@ def of_all_ranks(method: Callable[..., T]) -> Callable[..., T]:
                 given = parameters.bind(self, *arguments, **keywords).arguments
             common = {name: value for name, value in given.items() if name not in _LOCAL}
             same_arguments(self.comm, f"problem.{method.__name__}", **common)
-        return method(self, *arguments, **keywords)
+        return call(self, *arguments, **keywords)
 
     return checked
 

@@ -106,6 +106,10 @@ def identify(
         spread=spread,
         max_runs=max_runs,
     )
+    if not isinstance(start, Mapping) or not start:
+        raise ValueError(f"identify: start = {start!r} must be values by name, one or more")
+    if not (isinstance(max_runs, int) and max_runs >= 1):
+        raise ValueError(f"identify: max_runs = {max_runs!r} must be a whole number >= 1")
     several = isinstance(make_problem, Mapping)
     makes: dict[str, Make] = {}
     makes |= make_problem if isinstance(make_problem, Mapping) else {"measured": make_problem}
@@ -244,7 +248,13 @@ class _Model:
 
     def _experiment(self, name: str, values: dict[str, float]) -> tuple[Array, Array]:
         """Values of the curves of an experiment, and p d/dp."""
-        problem, monitor, *rest = self._makes[name](dict(values))
+        made = self._makes[name](dict(values))
+        if not isinstance(made, tuple | list) or len(made) not in (2, 3):
+            raise TypeError(
+                f"identify: make_problem returned {made!r:.80}; it must return a problem and its "
+                "monitor, and until= of solve if needed"
+            )
+        problem, monitor, *rest = made
         until: Until | None = rest[0] if rest else None
         arguments = problem, self._loads[name], self._options, monitor
         try:
