@@ -11,6 +11,7 @@ import inspect
 import sys
 import types
 from collections.abc import Callable, Collection, Iterable, Mapping
+from enum import EnumMeta
 from functools import cache, wraps
 from numbers import Integral, Real
 from opcode import opmap
@@ -20,6 +21,8 @@ from reprlib import Repr
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
 import numpy as np
+
+from .words import near
 
 Called = TypeVar("Called", bound=Callable[..., Any])
 
@@ -45,7 +48,11 @@ def door(called: Called, inner: bool = True, largest: float = np.inf) -> Called:
             are below 1e6.
     """
     function = cast(Any, called).__init__ if inspect.isclass(called) else called
-    if not isinstance(function, types.FunctionType) or hasattr(function, "_door"):
+    if (
+        not isinstance(function, types.FunctionType)
+        or hasattr(function, "_door")
+        or _is(called, EnumMeta)
+    ):
         return called
     name = called.__name__
 
@@ -58,6 +65,8 @@ def door(called: Called, inner: bool = True, largest: float = np.inf) -> Called:
         except Exception as error:
             if not isinstance(error, _WRONG) and type(error) is not Exception:  # of gmsh
                 raise
+            if error.__traceback__ is not None and error.__traceback__.tb_next is None:
+                raise _miscalled(name, function, arguments, keywords, error) from None
             if not _from_inside(error):
                 raise
             given = _given(function, arguments, keywords)
@@ -119,6 +128,32 @@ def _from_inside(error: BaseException) -> bool:
             return False
         last, trace = (mine, code.co_code[place]), trace.tb_next
     return not (last[0] and last[1] in _RAISE)
+
+
+def _miscalled(
+    name: str,
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    keywords: dict[str, Any],
+    error: Exception,
+) -> Exception:
+    """The error of a call with names that do not exist, or too many arguments without a name."""
+    parameters = [one for one in inspect.signature(function).parameters.values()]
+    kinds = [(one.name, one.kind) for one in parameters if one.name not in ("self", "cls")]
+    if any(
+        kind in (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+        for _, kind in kinds
+    ):
+        return error
+    names = [one for one, _ in kinds]
+    for unknown in (word for word in keywords if word not in names):
+        meant = near(unknown, names) or f"; it takes {', '.join(names)}"
+        return TypeError(f"{name}: there is no {unknown}={meant}")
+    plain = [one for one, kind in kinds if kind is not inspect.Parameter.KEYWORD_ONLY]
+    if len(arguments) > len(plain) + (len(parameters) > len(kinds)):
+        named = ", ".join(f"{one}=" for one in names)
+        return TypeError(f"{name}: give the arguments by name, {name}({named})")
+    return error
 
 
 def _given(
