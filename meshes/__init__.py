@@ -6,6 +6,8 @@ API in ``with model(name) as gmsh_model`` on rank 0 and becomes such a mesh by :
 Files of gmsh, Neper, Abaqus, Salome, meshio and others are read by :func:`read_mesh`.
 """
 
+from vmdg.base.door import door
+
 from .apart import apart
 from .beams import beams
 from .discs import core_and_ring
@@ -47,3 +49,23 @@ __all__ = [
     "with_wall",
     "write_mesh",
 ]
+
+#: Functions of given meshes and files. In the others numbers go to gmsh, which larger ones kill.
+_GIVEN = (
+    "TaggedMesh",
+    "apart",
+    "cell_partitioner",
+    "distribute",
+    "model",
+    "read_mesh",
+    "with_wall",
+)
+
+globals().update(
+    {
+        name: door(
+            globals()[name], largest=float("inf") if name in (*_GIVEN, "write_mesh") else 1e12
+        )
+        for name in __all__
+    }
+)

@@ -74,10 +74,10 @@ def pushout_section(
         raise ValueError(
             f"pushout_section: layers = {layers} and cells {counts} must be at least 1"
         )
-    if not (radial_ratio > 0 and grading > 0):
+    if not all(1e-6 <= ratio <= 1e6 for ratio in (radial_ratio, grading)):
         raise ValueError(
             f"pushout_section: radial_ratio = {radial_ratio} and grading = {grading} must be "
-            "positive"
+            "positive, from 1e-6 to 1e6"
         )
     check_sizes("pushout_section", (fibre_radius, hole_radius, matrix_radius), height)
     with model("pushout_section") as gmsh_model:

@@ -53,13 +53,17 @@ def blocks(
         (y = 0), 5 top, 6 back (z = 0), 7 front.
 
     Raises:
-        ValueError: unknown cell, or the interface leaves the blocks.
+        ValueError: unknown cell, too few divisions, or the interface leaves the blocks.
     """
     if cell not in CELLS:
         raise ValueError(f"blocks: cell = {cell!r} must be one of {tuple(CELLS)}")
     if not all(0 < x < length for x in interface):
         raise ValueError(f"blocks: interface = {interface} must lie within (0, {length})")
     gdim = CELLS[cell]
+    if len(divisions) < gdim or min(divisions[:gdim]) < 1:
+        raise ValueError(
+            f"blocks: divisions = {divisions} must be {gdim} numbers of cells, of 1 or more"
+        )
     with model("blocks") as gmsh_model:
         if comm.rank == 0:
             sides = (1.0, height / length, depth / length)

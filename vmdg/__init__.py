@@ -31,6 +31,9 @@ def _load_mpi() -> None:
 
 _load_mpi()
 
+#: Functions in which more may fail than what is given.
+_RUNS = ("solve", "solve_dynamics", "identify", "macroscopic_tangent")
+
 __all__ = [name for name, module in _HOME.items() if module]
 __version__ = "0.1.0"
 
@@ -40,7 +43,9 @@ def __getattr__(name: str):
         raise AttributeError(f"module 'vmdg' has no attribute {name!r}")
     if _HOME[name] is None:
         return import_module(f"{__name__}.{name}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    home = import_module(f"{__name__}.{_HOME[name]}")
+    door = import_module(f"{__name__}.base.door").door
+    return globals().setdefault(name, door(getattr(home, name), name not in _RUNS))
 
 
 def __dir__() -> list[str]:

@@ -27,6 +27,7 @@ PAGES = {
     "explanation": "vmdg/THEORY.md",
     "microstructure": "vmdg/MICROSTRUCTURE.md",
     "cluster": "vmdg/CLUSTER.md",
+    "security": "vmdg/SECURITY.md",
     "glossary": "vmdg/GLOSSARY.md",
     "layout": "vmdg/README.md",
     "path": "vmdg/solver/README.md",

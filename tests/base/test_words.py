@@ -119,3 +119,19 @@ def test_predicates_that_are_none(comm, marks):
     scene = two_blocks(comm, "quadrilateral", 2)
     with pytest.raises(ValueError, match=r"dirichlet: the predicate must return True or False for"):
         couple(scene, LAW).dirichlet(marks, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: vmdg.NeoHookean(1000.0, 0.3), r"by name, NeoHookean\(E=, nu="),
+        (lambda: vmdg.NeoHookean(K=1000.0, G=300.0), r"NeoHookean: there is no K=; it takes E, nu"),
+        (lambda: vmdg.Debonding(strenght=20.0), "there is no strenght=. Did you mean 'strength'"),
+        (lambda: vmdg.meshes.pack(count="x", fraction=0.3), "pack: count = 'x' must be int"),
+        (lambda: vmdg.History().append([1]), r"append: row = \[1\] must be Mapping"),
+    ],
+)
+def test_calls(call, words):
+    """What Python says of its own is said in words of the call."""
+    with pytest.raises(TypeError, match=words):
+        call()

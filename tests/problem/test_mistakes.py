@@ -553,14 +553,6 @@ WRONG_TYPES = {
         lambda s: vmdg.read_checkpoint("run", bonded(s)),
         r"checkpoint: problem = 'run' must be a vmdg.Problem, and the folder comes after it",
     ),
-    "a table without a name": (
-        lambda s: run(s, options=vmdg.SolveOptions(csv=True)),
-        "history: csv = True must be a str or a Path",
-    ),
-    "a checkpoint without a name": (
-        lambda s: run(s, options=vmdg.SolveOptions(checkpoint=True)),
-        "checkpoint: folder = True must be a str or a Path",
-    ),
     "a result in place of a table": (
         lambda s: run(s, history=[]),
         r"solve: history = \[\] must be a History, such as result.history",
@@ -620,7 +612,9 @@ WRONG_OPTIONS = {
     "cycles": (-1.0, "zero or positive and finite"),
     "max_loss": (0.0, r"in \(0, 1\]"),
     "checkpoint_every": (0, "an integer >= 1"),
-    "petsc": ("mumps", "a mapping or None"),
+    "petsc": ("mumps", "options by name, "),
+    "csv": (True, "a path or None"),
+    "checkpoint": (True, "a path or None"),
     "path": ({}, r"PathOptions\(\.\.\.\)"),
     "condensed": ("no", "True, False or None"),
     "energy": ("yes", "True or False"),
@@ -656,19 +650,11 @@ def test_functions_of_one_rank(comm, name):
     tagged = scene(comm)
     problem = held(tagged, bonded(tagged), "left", "right")
     given = {name: (lambda _: {} if name == "monitor" else False) if comm.rank == 0 else None}
-    refused = pytest.raises(ValueError, match=f"solve: rank 0 gives {name}, rank 1 neither")
+    refused = pytest.raises(
+        ValueError, match=f"solve: rank 0 gives {name} = 'given', rank 1 {name} = None"
+    )
     with refused if comm.size > 1 else nullcontext():
         vmdg.solve(problem, [1.0], **given)
-
-
-def test_files_of_one_rank(comm, out):
-    """What rank 0 says of files, bars and energies holds on all."""
-    tagged = scene(comm)
-    problem = held(tagged, bonded(tagged), "left", "right")
-    options = vmdg.SolveOptions(csv=out / "history.csv", checkpoint=out / "run", energy=True)
-    history = vmdg.solve(problem, [1.0], options if comm.rank == 0 else None).history
-    assert "external" in history.columns
-    assert (out / "history.csv").is_file()
 
 
 def test_a_change_after_the_fact(comm):

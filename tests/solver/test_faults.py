@@ -145,6 +145,12 @@ def test_functions_that_do_more_than_look(comm):
     assert not problem.u.x.array.any()
     assert len(vmdg.solve(problem, LOADS).history) == len(LOADS)
 
+    def hold(problem: vmdg.Problem) -> None:
+        problem.dirichlet_points(lambda x: np.isclose(x[0], 0.0), 0.0, "y")
+
+    with pytest.raises(ValueError, match="monitor has added a support or a load at load factor"):
+        vmdg.solve(pulled(comm), LOADS, monitor=hold)
+
 
 def test_what_is_no_function(comm):
     """Before the run begins; and a column that is not called by a word."""

@@ -8,12 +8,14 @@ for the others; if they do not answer, they are inside such a call, and the job 
 
 from __future__ import annotations
 
+import inspect
 import pickle
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import wraps
 from itertools import zip_longest
 from types import FrameType
@@ -21,10 +23,15 @@ from typing import Any, TypeVar, cast
 
 from mpi4py import MPI
 
+from .door import door
 from .parallel import PATIENCE, end_job, global_any, within
+from .texts import as_text
 
 #: Seconds that a rank waits for another one before it prints a reminder.
 REMINDER = 30.0
+
+#: Seconds after which a rank that waits in a call ends the job: longer than others may work alone.
+LIMIT = 3600.0
 
 _TAG = 22093
 
@@ -71,7 +78,11 @@ def leave_together(comm: MPI.Comm, error: BaseException) -> None:
 
 
 def same_call(
-    comm: MPI.Comm, call: str, given: Iterable[str] = (), reminder: float = REMINDER
+    comm: MPI.Comm,
+    call: str,
+    given: Iterable[str] = (),
+    reminder: float = REMINDER,
+    limit: float = LIMIT,
 ) -> None:
     """Refuse a collective call that only some ranks make, or with different arguments; collective.
 
@@ -82,6 +93,7 @@ def same_call(
         call: Name of the call.
         given: Its arguments as text, those that must be equal on all ranks.
         reminder: Seconds that a rank waits for the others before it prints a reminder.
+        limit: Seconds after which it ends the job.
 
     Raises:
         ValueError: ranks differ; on all ranks.
@@ -91,8 +103,17 @@ def same_call(
     others = comm.Ibarrier()
     if not within(reminder, others.Test):
         _remind(comm, f"{reminder:.3g} s in {call} for the other ranks")
-        others.Wait()
-    calls = comm.allgather((call, tuple(given)))
+        if not within(limit, others.Test):
+            traceback.print_stack()
+            end_job(
+                f"rank {comm.rank} has waited {limit:.4g} s in {call} (above), where others have "
+                "not come; where they are is said by each of them"
+            )
+    mine = call, tuple(given)
+    first = comm.bcast(mine)
+    if not global_any(comm, mine != first):
+        return
+    calls = comm.allgather(mine)
     first, said = calls[0]
     for rank, (other, arguments) in enumerate(calls):
         if other != first:
@@ -105,18 +126,51 @@ def same_call(
             pairs = zip_longest(said, arguments, fillvalue="nothing")
             one, another = next(pair for pair in pairs if pair[0] != pair[1])
             raise ValueError(
-                f"{call}: rank 0 gives {one:.200}, rank {rank} {another:.200}; give the same on "
-                "all ranks, functions and random numbers (by one seed) too"
+                f"{call}: rank 0 gives {_near(one, another)}, rank {rank} {_near(another, one)}; "
+                "give the same on all ranks, functions and random numbers (by one seed) too"
             )
 
 
+def _near(text: str, other: str) -> str:
+    """The part of a text where it differs from another one, after its name."""
+    place = next((i for i, (a, b) in enumerate(zip(text, other, strict=False)) if a != b), 0)
+    name, begin = text.partition(" = ")[0], max(place - 40, 0)
+    return text[:100] if place < 60 else f"{name} = ...{text[begin : begin + 100]}"
+
+
+def same_arguments(comm: MPI.Comm, call: str, **given: Any) -> None:
+    """Refuse a collective call that only some ranks make, or with different arguments; collective.
+
+    Args:
+        comm: The ranks.
+        call: Name of the call.
+        given: Its arguments, those that must be equal on all ranks, see :func:`as_text`.
+
+    Raises:
+        ValueError: ranks differ; on all ranks.
+    """
+    if comm.size > 1:
+        same_call(comm, call, [f"{name} = {as_text(value)}" for name, value in given.items()])
+
+
+#: Arguments that say which entities of this rank are meant.
+_LOCAL = ("self", "facets", "where", "interface")
+
+
 def of_all_ranks(method: Callable[..., T]) -> Callable[..., T]:
-    """Decorate a collective method of an object with a communicator ``comm``."""
+    """Decorate a collective method of an object with a communicator ``comm``, whose arguments are
+    equal on all ranks."""
+    parameters, call = inspect.signature(method), door(method)
 
     @wraps(method)
     def checked(self: Any, *arguments: Any, **keywords: Any) -> T:
-        same_call(self.comm, f"problem.{method.__name__}")
-        return method(self, *arguments, **keywords)
+        if self.comm.size > 1:
+            given: Mapping[str, Any] = {"arguments": [*arguments, keywords]}
+            with suppress(TypeError):  # raised by the call itself
+                given = parameters.bind(self, *arguments, **keywords).arguments
+            common = {name: value for name, value in given.items() if name not in _LOCAL}
+            same_arguments(self.comm, f"problem.{method.__name__}", **common)
+        return call(self, *arguments, **keywords)
 
     return checked
 

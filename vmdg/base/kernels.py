@@ -368,7 +368,7 @@ def _locked(folder: Path, patience: float) -> TextIO | None:
 
 
 #: Modification times of the folders when last checked [ns].
-_checked: dict[Path, int] = {}
+checked_folders: dict[Path, int] = {}
 
 
 def _check_kernels(folder: Path, locked: bool) -> None:
@@ -385,7 +385,7 @@ def _check_kernels(folder: Path, locked: bool) -> None:
     Raises:
         PermissionError: another user made the folder or a kernel, or can write there.
     """
-    if not folder.is_dir() or _checked.get(folder) == folder.stat().st_mtime_ns:
+    if not folder.is_dir() or checked_folders.get(folder) == folder.stat().st_mtime_ns:
         return
     opened = any([_open_to_others(path) for path in (folder.parent, folder)])
     names = set()
@@ -399,7 +399,7 @@ def _check_kernels(folder: Path, locked: bool) -> None:
         for source in folder.glob("*.c"):
             if source.stem not in names or not source.with_suffix(".c.cached").exists():
                 _remove(folder, source.stem)
-    _checked[folder] = folder.stat().st_mtime_ns
+    checked_folders[folder] = folder.stat().st_mtime_ns
 
 
 def _remove(folder: Path, name: str, *others: Path) -> None:

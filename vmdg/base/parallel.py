@@ -6,6 +6,8 @@ job.
 
 from __future__ import annotations
 
+import faulthandler
+import signal
 import sys
 import time
 import warnings
@@ -196,3 +198,5 @@ def _end_all_ranks(
 _show = sys.excepthook
 if MPI.COMM_WORLD.size > 1:
     sys.excepthook = _end_all_ranks
+    # Where a rank is when another one ends the job; the launcher sends this signal.
+    faulthandler.register(signal.SIGTERM, file=sys.__stderr__, all_threads=False, chain=True)

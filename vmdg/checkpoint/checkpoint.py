@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..assembly.discretization import Discretization
+from ..base.agreement import same_arguments
 from ..base.claims import Claim
 from ..base.parallel import global_sum, raise_together, warn_together
 from ..base.words import checked_path
@@ -83,6 +84,8 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
         TypeError: the problem or the folder is of the wrong type.
     """
     _check_problem(problem)
+    given = {"folder": folder, "history": len(history) if isinstance(history, History) else history}
+    same_arguments(problem.comm, "write_checkpoint", **given)
     if not isinstance(history, History | None):
         raise TypeError(f"checkpoint: history = {history!r} must be a History, or None")
     with claim_checkpoint(problem.comm, folder):
@@ -202,6 +205,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
         TypeError: the problem or the folder is of the wrong type.
     """
     _check_problem(problem)
+    same_arguments(problem.comm, "read_checkpoint", folder=folder)
     found = read_description(problem.comm, checked_path("checkpoint: folder", folder), FORMAT)
     if found is None:
         return None
@@ -248,6 +252,7 @@ def discard_checkpoint(comm: MPI.Comm, folder: str | Path) -> None:
             f"checkpoint: comm = {comm!r} must be a communicator, and the folder comes after it: "
             'discard_checkpoint(problem.comm, "run")'
         )
+    same_arguments(comm, "discard_checkpoint", folder=folder)
     place = checked_path("checkpoint: folder", folder).absolute()
     if not comm.bcast(place.is_dir()):
         return

@@ -9,8 +9,9 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.agreement import same_call, together
+from ..base.agreement import together
 from ..base.parallel import raise_together
+from ..base.texts import in_full
 from ..domain.tags import Group, by_tag
 from ..output.history import History
 from ..problem.loading import groups_of, let_go
@@ -89,7 +90,9 @@ def solve_dynamics(
         TypeError: an argument of the wrong type.
     """
     scheme = GeneralizedAlpha() if scheme is None else scheme
-    options = agreed(problem, "solve_dynamics", options, history, {"monitor": monitor})
+    given = {"times": in_full(times), "scheme": scheme, "velocity": velocity}
+    functions = {"monitor": monitor}
+    options = agreed(problem, "solve_dynamics", options, history, functions, **given)
     times = _checked(problem, times, scheme, velocity, options, history)
     result = Result(history=History() if history is None else history)
     if not len(times):
@@ -147,10 +150,6 @@ def _checked(
             "vmdg.CentralDifferences()"
         )
     given = np.asarray(times)
-    # A function has another address on every rank.
-    kind = str(velocity) if isinstance(velocity, Mapping) else type(velocity).__name__
-    said = [f"times = {given.tolist()}", f"scheme = {scheme}", f"velocity = {kind}"]
-    same_call(problem.comm, "solve_dynamics", said)
     start, kinds = problem.t, "iuf"
     if given.ndim != 1 or not given.size or given.dtype.kind not in kinds:
         raise ValueError(

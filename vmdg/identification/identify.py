@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
+from ..base.agreement import same_arguments
 from ..base.parallel import warn_together
-from ..solver.options import SolveOptions
+from ..base.texts import in_full
+from ..solver.options import SolveOptions, silent
 from .curves import Curve
 from .doubts import LEVEL, doubts
 from .model import TOLERANCE, Fit, Make, Model
@@ -76,6 +78,25 @@ def identify(
         ValueError: a start value is not positive or outside of its bounds, names of bounds, priors
             or experiments do not match, or there are fewer points than parameters.
     """
+    comm = MPI.COMM_WORLD if comm is None else comm
+    same_arguments(
+        comm,
+        "identify",
+        measured=_numbers(measured),
+        start=start,
+        bounds=bounds,
+        sigma=sigma,
+        loads=in_full(loads),
+        priors=priors,
+        options=silent(options),
+        file=file,
+        spread=spread,
+        max_runs=max_runs,
+    )
+    if not isinstance(start, Mapping) or not start:
+        raise ValueError(f"identify: start = {start!r} must be values by name, one or more")
+    if not (isinstance(max_runs, int) and max_runs >= 1):
+        raise ValueError(f"identify: max_runs = {max_runs!r} must be a whole number >= 1")
     several = isinstance(make_problem, Mapping)
     makes: dict[str, Make] = {}
     makes |= make_problem if isinstance(make_problem, Mapping) else {"measured": make_problem}
@@ -85,7 +106,7 @@ def identify(
     beforehand = _checked_priors(start, priors or {})
     known = _sigma_known(curves, sigma)
     given = makes, curves, programmes, options or SolveOptions(), sigma, beforehand
-    model = Model(*given, start, bounded, comm or MPI.COMM_WORLD, file, spread)
+    model = Model(*given, start, bounded, comm, file, spread)
     if model.freedom < (0 if known else 1):
         raise ValueError(f"identify: {model.count} points do not determine {len(start)} parameters")
     first = np.array([float(value) for value in start.values()])
@@ -97,6 +118,15 @@ def identify(
                 raise ValueError(f"identify: no run changes with {name}{hint}")
         solution = model.fit(first, max_runs)
         return _result(solution, model, known)
+
+
+def _numbers(measured: Any) -> Any:
+    """All numbers of curves, of one, of a list or by name."""
+    if isinstance(measured, Mapping):
+        return {name: _numbers(curve) for name, curve in measured.items()}
+    if isinstance(measured, list | tuple):
+        return [_numbers(curve) for curve in measured]
+    return {k: in_full(v) for k, v in getattr(measured, "__dict__", {}).items()}
 
 
 def _result(solution: Fit, model: Model, known: bool) -> Identified:

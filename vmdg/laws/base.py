@@ -284,7 +284,13 @@ class Law(ABC):
 
     def _checked(self, *arrays: ArrayLike) -> tuple[Array, Array, Array, Array, Array]:
         """The inputs of `return_map` as float arrays of matching shapes, r admissible."""
-        trial, normal, gap, softening, penalty = (np.asarray(a, dtype=float) for a in arrays)
+        names, made = ("trial", "normal", "gap", "softening", "penalty"), []
+        for name, array in zip(names, arrays, strict=True):
+            try:
+                made.append(np.asarray(array, dtype=float))
+            except (TypeError, ValueError):
+                raise TypeError(f"return_map: {name} must be an array of numbers") from None
+        trial, normal, gap, softening, penalty = made
         if trial.ndim != 2 or trial.shape[1] not in (2, 3):
             raise ValueError(f"trial has shape {trial.shape}: it must be (n, 2) or (n, 3)")
         for name, array, shape in (

@@ -16,7 +16,7 @@ from dolfinx.io import VTXWriter
 from numpy.typing import NDArray
 
 from .. import compat
-from ..base.agreement import together
+from ..base.agreement import same_arguments, together
 from ..base.claims import Claim
 from ..base.disk import put_aside
 from ..base.parallel import global_sum
@@ -161,6 +161,7 @@ class FieldWriter:
                 f"FieldWriter: problem = {problem!r} must be a vmdg.Problem, and the folder comes "
                 "after it"
             )
+        same_arguments(problem.comm, "FieldWriter", folder=folder, fields=fields)
         fields = (fields,) if isinstance(fields, str) else fields
         names = FIELDS if fields is None else tuple(dict.fromkeys(fields))
         for name in names:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..base.claims import Claim
 from ..base.disk import put_aside, replacing
+from ..base.door import door
 from ..base.parallel import raise_together
 from ..base.tables import html_table, short
 from ..base.words import checked_path
@@ -50,6 +51,7 @@ class History:
         self.rows: list[dict[str, Any]] = []
         self.units: dict[str, str] = {}
 
+    @door
     def append(self, row: Mapping[str, Any]) -> None:
         """Add a row.
 
@@ -111,6 +113,7 @@ class History:
         names = column, split_unit(column)[0]
         return next((name for name in names for row in self.rows if name in row), None)
 
+    @door
     def envelope(self, column: str = "load") -> History:
         """The rows at which a column is larger than in all rows before.
 
@@ -157,6 +160,7 @@ class History:
         frame.attrs["units"] = dict(self.units)
         return frame
 
+    @door
     def to_csv(self, path: str | Path) -> None:
         """Write the history with a header line, "force [N]" for a column with a unit.
 
@@ -171,6 +175,7 @@ class History:
         return _csv([self.header, *_lines(self.rows, self.columns)])
 
     @classmethod
+    @door
     def from_csv(cls, path: str | Path) -> History:
         """Read a history written by :meth:`to_csv` or a run.
 
@@ -180,7 +185,8 @@ class History:
             path: The file.
         """
         history = cls()
-        with open(path, newline="", encoding="utf-8") as file:
+        place = checked_path("History.from_csv: path", path)
+        with open(place, newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):
                 history.append({name: _value(text) for name, text in row.items() if text})
         return history

@@ -98,17 +98,6 @@ def checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Mat
     return materials
 
 
-def in_numbers(materials: Mapping[int, Material], interfaces: Sequence[Interface]) -> list[str]:
-    """Types and parameters of materials and laws as text, to compare between ranks."""
-    bodies = [(f"material {t}", body, body.parameters) for t, body in materials.items()]
-    laws = [(f"interface {i}", one.law, vars(one.law)) for i, one in enumerate(interfaces)]
-    return [
-        f"{what}: {type(given).__name__} "
-        + ", ".join(f"{k}={v}" for k, v in values.items() if isinstance(v, Real | str))
-        for what, given, values in (*bodies, *laws)
-    ]
-
-
 def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
     """Check a mesh in double precision and its cell tags.
 

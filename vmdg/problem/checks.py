@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..assembly.means import lattice_of
-from ..base.agreement import same_call
 from ..base.parallel import global_any, global_max, raise_together, warn_together
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
@@ -99,7 +98,6 @@ def checked_loads(
             f"solve: problem = {problem!r} must be a vmdg.Problem: solve(problem, loads)"
         )
     if isinstance(loads, int | np.integer) and not isinstance(loads, bool):
-        same_call(problem.comm, "solve", [f"loads = {loads}"])
         return _equal_steps(int(loads), problem.t)
     if np.ndim(loads) == 0:
         raise TypeError(
@@ -114,7 +112,6 @@ def checked_loads(
             "numpy.linspace(0.1, 1.0, 10)"
         )
     result, message = given.astype(float), None
-    same_call(problem.comm, "solve", [f"loads = {result.tolist()}"])
     if rows and result.size and rows[0]["load"] == result[0] != problem.t in result:
         message = (
             f"solve: the continued run is at load factor {problem.t:.8g}, but loads start again at "

@@ -76,11 +76,13 @@ class Given(NamedTuple):
         starts: Initial displacement of all local dofs for every support with ``relative=True``, in
             the order given [mm].
         filled: Numbers of the interfaces with a fluid between their faces.
+        calls: Every support and load as a function that imposes it in a new space.
     """
 
     loaded: NDArray[np.bool_]
     starts: list[Array]
     filled: set[int]
+    calls: list[Callable[[Loading], None]]
 
 
 class Ray(NamedTuple):
@@ -151,11 +153,10 @@ class Loading:
         self._names = names
         # Functions of this object, not bound methods: a reference cycle would keep meshes alive
         # after a problem is deleted, and their communicators, of which MPICH has 2048.
-        self._given: list[Callable[[Loading], None]] = []
         self._ray: Ray | None = None
         self.nearby, self._anchored = False, True
         self.load_factor, self.t = fem.Constant(mesh, 0.0), 0.0
-        self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set())
+        self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set(), [])
         self.follow(discretization)
         self._move_walls()
 
@@ -169,7 +170,7 @@ class Loading:
         self.rigid = RigidFaces(discretization.u, geometry)
         self._loads = DeadLoads(discretization.u, geometry)
         self._surface = discretization.new_surface()
-        for impose in self._given:
+        for impose in self.given.calls:
             impose(self)
         if self._ray is not None:
             self._ray = self._ray_between(self._ray.start, self._ray.end)
@@ -203,7 +204,7 @@ class Loading:
         except ValueError:
             self.follow(self._discretization)
             raise
-        self._given.append(impose)
+        self.given.calls.append(impose)
         self._vector = None
         self.parts.clear()
 

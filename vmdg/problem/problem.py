@@ -21,7 +21,7 @@ from ..assembly.means import lattice_of
 from ..assembly.stress import CauchyStress
 from ..assembly.surface import BROKEN, Share
 from ..assembly.values import Value
-from ..base.agreement import of_all_ranks, same_call
+from ..base.agreement import of_all_ranks, same_arguments
 from ..base.parallel import global_sum, raise_together
 from ..base.tables import html_table
 from ..domain.cells import check_cells
@@ -61,7 +61,6 @@ from .arguments import (
     check_walls,
     checked_interfaces,
     checked_materials,
-    in_numbers,
 )
 from .axial import GeneralizedStrain, generalized
 from .damping import Rayleigh, checked_viscosity
@@ -151,13 +150,29 @@ class Problem:
         damping: Rayleigh | None = None,
         residual: str = "symbolic",
     ):
-        self.interfaces = checked_interfaces(interfaces)
         check_mesh(mesh, cell_tags)
+        same_arguments(
+            mesh.comm,
+            "Problem",
+            materials=materials,
+            interfaces=interfaces,
+            degree=degree,
+            kinematics=kinematics,
+            thickness=thickness,
+            eigenstrain=eigenstrain,
+            symmetry=symmetry,
+            volumetric=volumetric,
+            periodic=periodic,
+            plane=plane,
+            density=density,
+            damping=damping,
+            residual=residual,
+        )
+        self.interfaces = checked_interfaces(interfaces)
         check_approximation(mesh, degree, kinematics, residual)
         repeats = checked_periodic(periodic) is not None
         self._names = names = names_of(cell_tags)
         materials = by_tag(checked_materials(materials), names, "materials")
-        same_call(mesh.comm, "Problem", in_numbers(materials, self.interfaces))
         axial = generalized(plane)
         word = GENERALIZED if axial else plane
         stress_only = check_plane(mesh, word, materials, kinematics, symmetry, volumetric)

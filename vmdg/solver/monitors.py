@@ -110,10 +110,15 @@ def ends(problem: Problem, until: Until | None) -> bool:
 
 def _unchanged(problem: Problem, what: str, call: Callable[[], T]) -> T:
     """The result of a user function, which must not change the problem; collective."""
-    u, t = problem.u.x.array.copy(), problem.t
+    u, t, count = problem.u.x.array.copy(), problem.t, len(problem.loading.given.calls)
 
     def watched() -> T:
         result = call()
+        if len(problem.loading.given.calls) != count:
+            raise ValueError(
+                f"solve: {what} has added a support or a load at load factor {t:.8g}; a run keeps "
+                "those it began with: end it by until=, add them, and solve again"
+            )
         if problem.t != t or not np.array_equal(u, problem.u.x.array):
             raise ValueError(
                 f"solve: {what} has changed the problem, which must continue from its state at "

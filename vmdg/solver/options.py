@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import InitVar, dataclass, field, fields
+from dataclasses import InitVar, dataclass, field, fields, replace
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -69,6 +69,13 @@ def _check(options: object, name: str, words: str, fits: Callable[[Any], bool]) 
         fit = False
     if not fit:
         raise ValueError(f"{type(options).__name__}: {name} = {value!r} must be {words}")
+
+
+def silent(options: Any) -> Any:
+    """Options without those that may differ between ranks: what is printed."""
+    if not isinstance(options, SolveOptions):
+        return options
+    return replace(options, progress=False, verbose=False, show=None)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from weakref import WeakSet
 from petsc4py import PETSc
 
 from ..assembly.means import lattice_of
-from ..base.agreement import Interrupt, leave_together, same_call
+from ..base.agreement import Interrupt, leave_together, same_arguments
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import claim_checkpoint, warn_of_replacement, write_checkpoint
 from ..output.axial import AxialMotion
@@ -19,7 +19,7 @@ from ..output.history import History, HistoryFile
 from ..problem.problem import Problem
 from .attempt import Attempt
 from .monitors import check_functions, energy_columns, sliding_column
-from .options import SolveOptions
+from .options import SolveOptions, silent
 from .progress import Progress
 from .result import Counts, Result, StepFailure
 
@@ -33,6 +33,7 @@ def agreed(
     options: SolveOptions | None,
     history: History | None,
     functions: Mapping[str, Callable[..., Any] | None],
+    **given: Any,
 ) -> SolveOptions:
     """Check the arguments that all runs have; collective.
 
@@ -42,6 +43,7 @@ def agreed(
         options: The user's.
         history: The user's.
         functions: The user's functions by argument name.
+        given: Further arguments, which must be equal on all ranks.
 
     Returns:
         Options of rank 0 for all ranks.
@@ -49,11 +51,21 @@ def agreed(
     Raises:
         TypeError: one has the wrong type.
         RuntimeError: the problem is being solved.
-        ValueError: not all ranks make this call, or with other functions.
+        ValueError: not all ranks make this call, or with other arguments.
     """
     if not isinstance(problem, Problem):
-        raise TypeError(f"{call}: problem = {problem!r} must be a vmdg.Problem")
-    options = options or SolveOptions()
+        raise TypeError(
+            f"{call}: problem = {problem!r} must be a vmdg.Problem: {call}(problem, ...)"
+        )
+    same_arguments(
+        problem.comm,
+        call,
+        **given,
+        **{name: value and "given" for name, value in functions.items()},
+        options=silent(options),
+        history=len(history) if isinstance(history, History) else history,
+    )
+    options = SolveOptions() if options is None else options
     if not isinstance(options, SolveOptions):
         raise TypeError(f"{call}: options = {options!r} must be SolveOptions(...)")
     if history is not None and not isinstance(history, History):
@@ -64,8 +76,6 @@ def agreed(
             f"{call}: the problem is being solved: its monitor must not solve it. End the run by "
             "until=, or after fewer load factors, and solve again after it"
         )
-    given = [name for name, value in functions.items() if value is not None]
-    same_call(problem.comm, call, [", ".join(given) or f"neither {' nor '.join(functions)}"])
     return problem.comm.bcast(options)
 
 

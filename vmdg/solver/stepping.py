@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from ..base.texts import in_full
 from ..linear.features import switchboard
 from ..output.history import History
 from ..problem.checks import check_model, checked_loads
@@ -37,7 +38,8 @@ def solve(
         problem: Changed in place; ends in the state of the last load factor. Bodies that move after
             :func:`vmdg.solve_dynamics` are brought to rest.
         loads: Load factors to reach in sequence; an int is a number of equal steps to 1.
-        options: See :class:`SolveOptions`; those of rank 0 apply on all ranks.
+        options: See :class:`SolveOptions`; equal on all ranks but for what is printed, where those
+            of rank 0 apply.
         monitor: Called after every converged step, on all ranks; it returns numbers for the history
             row, by names that may include a unit: "force [N]" is column "force". They must be equal
             on every rank, and the problem must not be changed.
@@ -73,7 +75,8 @@ def solve(
     step; an error of the monitor, of ``until`` or of a load on one rank is raised on all.
     """
     functions = {"monitor": monitor, "until": until}
-    options = agreed(problem, "solve", options, history, functions)
+    given = {"loads": in_full(loads), "derivatives": derivatives}
+    options = agreed(problem, "solve", options, history, functions, **given)
     loads = checked_loads(loads, problem, None if history is None else history.rows)
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
@@ -81,6 +84,11 @@ def solve(
     problem.step.come_to_rest()
     carried = None
     if derivatives is not None:
+        if isinstance(derivatives, str) or not len(derivatives):
+            raise ValueError(
+                f"solve: derivatives = {derivatives!r} must be one or more names of parameters, "
+                'such as ["bond.strength"]'
+            )
         check_differentiable(problem, options, history is not None)
         carried = Derivatives(problem, derivatives, options.energy)
     if loads.size:
