@@ -23,6 +23,7 @@ from .forms.orthotropic import Cubic as Cubic
 from .forms.orthotropic import Orthotropic as Orthotropic
 from .forms.rigid import Rigid as Rigid
 from .identification.curves import Curve as Curve
+from .identification.fields import Field as Field
 from .identification.identify import identify as identify
 from .identification.result import Identified as Identified
 from .interface.interface import Interface as Interface

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm, t
 
-from .curves import Curve
 from .model import TOLERANCE, Fit, Measured, Model
 from .result import Identified
 
@@ -17,6 +16,9 @@ VAGUE = 0.5
 
 #: Probability with which noise alone stays below a limit.
 LEVEL = 0.999
+
+#: The same where the noise itself is estimated from the residuals.
+LEVEL_OF_SHAPE = 0.99
 
 #: Ratio of the largest values of a run and of a measurement that points to different units.
 UNLIKE = 100.0
@@ -93,48 +95,63 @@ def _misfit(found: Identified, model: Model) -> list[str]:
 
 def _shape(found: Identified, model: Model) -> list[str]:
     """Where residuals are not independent noise of one size: they follow each other, by the ratio
-    of von Neumann (1941), or one is an outlier, by the test of Grubbs (1950)."""
+    of von Neumann (1941), or one is an outlier, by its externally studentized residual."""
     said = []
-    for name, one, r in _items(found):
-        n = len(r)
-        size = np.linalg.norm(r)
+    deleted = np.split(*_studentized(found, model))
+    for (name, one, r), away in zip(_items(found), deleted, strict=False):
+        n, size = len(r), np.linalg.norm(r)
         exact = size <= TOLERANCE * np.linalg.norm(one.data) / model.scale
-        if not isinstance(one, Curve) or n < 4 or exact:
+        if n < 4 or exact:
             continue
         ratio = n / (n - 1) * float(np.sum(np.diff(r) ** 2)) / size**2
         mean = 2 * n / (n - 1)
         deviation = np.sqrt(4 * n**2 * (n - 2) / ((n + 1) * (n - 1) ** 3))
-        if ratio < mean + norm.ppf(1 - LEVEL) * deviation:
+        if ratio < mean + norm.ppf(1 - LEVEL_OF_SHAPE) * deviation:
             said.append(
                 f"the residuals of the {one.column}{name} follow each other (ratio of von Neumann "
                 f"{ratio:.2g}, of noise {mean:.2g}), by {found.noise:.3g} in the mean: law, bodies "
                 "or supports of the model are not those of the test, or a better minimum lies "
                 "elsewhere (begin at another start). The errors are not valid; look at found.plot()"
             )
-        quantile = t.ppf(1 - (1 - LEVEL) / (2 * n), n - 2)
-        limit = (n - 1) / np.sqrt(n) * np.sqrt(quantile**2 / (n - 2 + quantile**2))
-        worst = int(np.abs(r).argmax())
-        if np.abs(r[worst]) > limit * size / np.sqrt(n - 1):
+        worst = int(np.abs(away).argmax())
+        if found.freedom > 1 and abs(away[worst]) > t.ppf(
+            1 - (1 - LEVEL_OF_SHAPE) / (2 * found.jacobian.shape[0]), found.freedom - 1
+        ):
             said.append(
-                f"{one.at(worst)}{name} is an outlier, {abs(r[worst]) * np.sqrt(n - 1) / size:.2g} "
-                "times the scatter of all from the model: leave it out, or give it a larger sigma"
+                f"{one.at(worst)}{name} is an outlier, {abs(away[worst]):.2g} times the scatter of "
+                "the others from the model: leave it out, give it a larger sigma, or, if more "
+                "follow, look at found.plot() for what the model lacks"
             )
     return said
+
+
+def _studentized(found: Identified, model: Model) -> tuple[Array, Array]:
+    """Residuals over their standard deviation with the scatter of all others, for a linear model
+    (n,), priors last, and where those of a measurement end."""
+    values = np.array([*found.estimate.values()])
+    r = model.residuals(values)
+    leverage = np.sum(np.linalg.qr(found.jacobian)[0] ** 2, axis=1)
+    rest = np.maximum(1 - leverage, TOLERANCE)
+    others = np.maximum(r @ r - r**2 / rest, 0.0) / max(found.freedom - 1, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        away = np.nan_to_num(r / np.sqrt(others * rest))
+    return away, np.cumsum([len(r) for _, _, r in _items(found)])
 
 
 def _unlike(model: Model) -> list[str]:
     """Measurements of another size or sign than the run of the start."""
     said = []
     for one, run in model.compared(np.array([*model.start.values()])):
-        if not isinstance(one, Curve) or not run.any() or not one.data.any():
+        run, data = (one.without_nuisances(values) for values in (run, one.data))
+        if not run.any() or not data.any():
             continue
-        sizes = np.abs(run).max(), np.abs(one.data).max()
+        sizes = np.abs(run).max(), np.abs(data).max()
         if max(sizes) > UNLIKE * min(sizes):
             said.append(
                 f"the {one.column} of the run at the start is up to {sizes[0]:.3g}, that measured "
                 f"up to {sizes[1]:.3g}: are they in the same unit?"
             )
-        if run @ one.data < 0:
+        if run @ data < 0:
             said.append(
                 f"the {one.column} of the run at the start has the opposite sign of that measured: "
                 "change the sign of one of them"

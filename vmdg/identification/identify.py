@@ -16,9 +16,9 @@ from ..base.agreement import same_arguments
 from ..base.parallel import warn_together
 from ..base.texts import in_full
 from ..solver.options import SolveOptions, silent
-from .curves import Curve
 from .doubts import LEVEL, doubts
-from .model import TOLERANCE, Fit, Make, Model
+from .fields import Field
+from .model import TOLERANCE, Fit, Make, Measured, Model
 from .result import Identified
 
 Array = NDArray[np.float64]
@@ -26,13 +26,16 @@ Array = NDArray[np.float64]
 #: Standard error of a logarithm of which the data say nothing.
 UNKNOWN = 1e3
 
+#: Factor on a parameter for other starts.
+ASIDE = 3.0
+
 #: Smallest singular value of the derivatives, relative to the largest, where there is no noise.
 EXACT = 1e-12
 
 
 def identify(
     make_problem: Make | Mapping[str, Make],
-    measured: Curve | Sequence[Curve] | Mapping[str, Curve | Sequence[Curve]],
+    measured: Measured | Sequence[Measured] | Mapping[str, Measured | Sequence[Measured]],
     start: Mapping[str, float],
     bounds: Mapping[str, tuple[float, float]] | None = None,
     sigma: float | None = None,
@@ -116,7 +119,7 @@ def identify(
         for name, hint in model.suspects.items():
             if not model.jacobian(first)[:, list(start).index(name)].any():
                 raise ValueError(f"identify: no run changes with {name}{hint}")
-        solution = model.fit(first, max_runs)
+        solution = _searched(model, first, max_runs, known)
         return _result(solution, model, known)
 
 
@@ -129,12 +132,46 @@ def _numbers(measured: Any) -> Any:
     return {k: in_full(v) for k, v in getattr(measured, "__dict__", {}).items()}
 
 
+def _searched(model: Model, first: Array, max_runs: int, known: bool) -> Fit:
+    """Least squares from a start; where it ends on a plateau, or with more than the known noise,
+    again from the best of the values a factor of :data:`ASIDE` away in one parameter, as long as
+    that finds less."""
+    found = model.fit(first, max_runs)
+    while _beyond_noise(found, model, known) and found.status > 0:
+        nearby = [
+            np.clip(found.values * np.where(np.arange(len(first)) == i, factor, 1.0), *model.bounds)
+            for i in range(len(first))
+            for factor in (ASIDE, 1 / ASIDE)
+        ]
+        if len(model.runs) + len(nearby) >= max_runs:
+            break
+        costs = [float(r @ r) for r in map(model.residuals, nearby)]
+        if not np.isfinite(min(costs)):
+            break
+        next_one = model.fit(nearby[int(np.argmin(costs))], max_runs - len(model.runs))
+        if next_one.status < 0 or next_one.cost > (1 - TOLERANCE) * found.cost:
+            break
+        found = next_one
+    return found
+
+
+def _flat(found: Fit, model: Model) -> bool:
+    """Whether a factor of e in any parameter leaves the residuals as they are."""
+    J, r = model.jacobian(found.values), model.residuals(found.values)
+    return bool(np.linalg.norm(J, axis=0).max() < TOLERANCE * np.linalg.norm(r))
+
+
+def _beyond_noise(found: Fit, model: Model, known: bool) -> bool:
+    """Whether a fit leaves more than noise; where it is not known, whether it is on a plateau."""
+    if known:
+        return 2 * found.cost > chi2.ppf(LEVEL, max(model.freedom, 1))
+    return _flat(found, model)
+
+
 def _result(solution: Fit, model: Model, known: bool) -> Identified:
     """Statistics of a solution of least squares."""
     J, r = model.jacobian(solution.values), model.residuals(solution.values)
-    # Residuals that are more than noise stay as they are with a factor of e in any parameter.
-    noisy = known and r @ r <= chi2.ppf(LEVEL, max(model.freedom, 1))
-    flat = not noisy and np.linalg.norm(J, axis=0).max() < TOLERANCE * np.linalg.norm(r)
+    flat = _beyond_noise(solution, model, known) and _flat(solution, model)
     noise = float(np.sqrt(r @ r / max(model.freedom, 1)))
     scale = 1.0 if known else noise
     _, sizes, directions = np.linalg.svd(J, full_matrices=False)
@@ -204,7 +241,7 @@ def _energies(
 
 
 def _by_experiment(makes: Mapping[str, Make], measured: Any, several: bool) -> dict[str, list]:
-    """Curves by experiment."""
+    """What was measured by experiment."""
     if several != isinstance(measured, Mapping):
         raise ValueError(
             "identify: for several experiments give both make_problem and measured by name, "
@@ -213,19 +250,30 @@ def _by_experiment(makes: Mapping[str, Make], measured: Any, several: bool) -> d
     given = dict(measured) if several else {"measured": measured}
     if set(given) != set(makes):
         raise ValueError(f"identify: experiments {sorted(makes)}, but curves of {sorted(given)}")
-    curves = {
-        name: [given[name]] if isinstance(given[name], Curve) else list(given[name])
+    groups = {
+        name: [given[name]] if isinstance(given[name], Measured) else list(given[name])
         for name in makes
     }
-    for name, group in curves.items():
-        if not group or not all(isinstance(curve, Curve) for curve in group):
+    for name, group in groups.items():
+        if not group or not all(isinstance(one, Measured) for one in group):
             raise TypeError(
-                f"identify: measured of {name!r} must be a vmdg.Curve or a list of them"
+                f"identify: measured of {name!r} must be a vmdg.Curve, a vmdg.Field or a list of "
+                "them"
             )
-    return curves
+        fields = [one.column for one in group if isinstance(one, Field)]
+        if len(fields) == len(group):
+            raise ValueError(
+                f"identify: a field of displacements says nothing about the size of forces: give a "
+                f"vmdg.Curve of the force of {name!r} too, [vmdg.Curve(...), vmdg.Field(...)]"
+            )
+        if len(set(fields)) < len(fields):
+            raise ValueError(f"identify: give the fields of {name!r} different names, column=")
+    return groups
 
 
-def _loads_of(curves: Mapping[str, Sequence[Curve]], loads: Any, several: bool) -> dict[str, Array]:
+def _loads_of(
+    curves: Mapping[str, Sequence[Measured]], loads: Any, several: bool
+) -> dict[str, Array]:
     """Load factors by experiment."""
     if loads is not None:
         if several and (not isinstance(loads, Mapping) or set(loads) != set(curves)):
@@ -234,7 +282,9 @@ def _loads_of(curves: Mapping[str, Sequence[Curve]], loads: Any, several: bool) 
         return {name: np.asarray(given[name], dtype=float) for name in curves}
     found = {}
     for name, group in curves.items():
-        along = [curve.x for curve in group if curve.along == "load"]
+        along = [
+            one.loads if isinstance(one, Field) else one.x for one in group if one.along == "load"
+        ]
         if not along or any((np.diff(x) <= 0).any() or x[0] <= 0 for x in along):
             raise ValueError(
                 f"identify: give loads=, the load factors of the runs of {name!r}: only where a "
@@ -278,7 +328,7 @@ def _checked_priors(
     return dict(priors)
 
 
-def _sigma_known(curves: Mapping[str, Sequence[Curve]], sigma: float | None) -> bool:
+def _sigma_known(curves: Mapping[str, Sequence[Measured]], sigma: float | None) -> bool:
     """Whether the noise is given."""
     if sigma is not None and not sigma > 0:
         raise ValueError(f"identify: sigma = {sigma!r} must be positive")

@@ -28,6 +28,7 @@ from ..solver.options import SolveOptions
 from ..solver.result import StepFailure
 from ..solver.stepping import solve
 from .curves import Compared, Curve
+from .fields import Field
 from .result import Run
 from .runs import RunFile, of_model, of_options
 
@@ -36,7 +37,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 #: What was measured.
-Measured = Curve
+Measured = Curve | Field
 
 #: A problem for values of the parameters, the monitor that returns what was measured, and where the
 #: run ends.
@@ -347,7 +348,13 @@ class Model:
     def _made(self, name: str, values: Mapping[str, float]) -> tuple[Problem, Monitor, Any]:
         comm = MPI.COMM_SELF if self._spread else self.comm
         problem, monitor, *rest = together(comm, lambda: self._makes[name](dict(values)))
-        return problem, monitor, rest[0] if rest else None
+        fields = [one for one in self.measured[name] if isinstance(one, Field)]
+        samples = {one.column: one.watch(problem) for one in fields}
+
+        def watched(problem: Problem) -> dict[str, Any]:
+            return {**(monitor(problem) or {}), **{key: take() for key, take in samples.items()}}
+
+        return problem, watched if fields else monitor, rest[0] if rest else None
 
     def _run(self, name: str, values: Mapping[str, float], direct: Sequence[str]) -> Compared:
         """What a run has in the place of all that was measured in an experiment.

@@ -313,9 +313,7 @@ class Derivatives:
         ]
         return replace(found, works=tuple(works))
 
-    def columns(
-        self, row: Mapping[str, Any], watched: Row, energies: Row | None
-    ) -> dict[str, float]:
+    def columns(self, row: Mapping[str, Any], watched: Row, energies: Row | None) -> dict[str, Any]:
         """Derivatives of a row of the history, see :meth:`.Rows.columns`."""
         return self._rows.columns(row, watched, energies)
 

@@ -33,9 +33,7 @@ class Rows:
         self._neighbours, self._problem = neighbours, neighbours.problem
         self._parameters = parameters
 
-    def columns(
-        self, row: Mapping[str, Any], watched: Row, energies: Row | None
-    ) -> dict[str, float]:
+    def columns(self, row: Mapping[str, Any], watched: Row, energies: Row | None) -> dict[str, Any]:
         """Derivatives of a row of the history, after the step is committed.
 
         Args:
@@ -44,13 +42,13 @@ class Rows:
             energies: The same for energies; None for none.
         """
         rates, found = self._problem.step.rates, {}
-        names = [name for name, value in row.items() if isinstance(value, float)]
+        names = [name for name, value in row.items() if isinstance(value, float | np.ndarray)]
         for parameter in self._parameters:
             rate = rates.by_name[parameter.name]
             changes = {"load": rate.t if rates.known else np.nan}
             near = self._near(parameter, rate, NEAR, watched) if rates.known else {}
             for name in names:
-                changes[name] = (near[name] - row[name]) / NEAR if near else np.nan
+                changes[name] = (near[name] - row[name]) / NEAR if near else np.nan * row[name]
             if energies is not None:
                 ends = [self._near(parameter, rate, h, energies) for h in (FAR, -FAR)]
                 for name in ends[0]:

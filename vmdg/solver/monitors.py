@@ -24,6 +24,10 @@ SAME_ROW = 1e-9
 T = TypeVar("T")
 
 
+class Sampled(np.ndarray):
+    """Values at many points, one column of the history."""
+
+
 def row_of(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
     """The values returned by a monitor, for a neighbouring state; collective."""
     return {} if monitor is None else _numbers(monitor(problem))
@@ -150,6 +154,9 @@ def _numbers(row: Any) -> dict[str, Any]:
                 f"solve: the monitor returned a column {short(name)}; its name must be a str, such "
                 'as "force [N]"'
             )
+        if isinstance(given, Sampled):
+            numbers[name] = np.asarray(given)
+            continue
         value = np.asarray(given.value if isinstance(given, fem.Constant) else given)
         if value.shape != () or value.dtype.kind not in "biuf":
             words = "a UFL expression" if isinstance(given, Expr) else short(given)
@@ -167,7 +174,7 @@ def _difference(row: Mapping[str, Any], numbered: tuple[int, Mapping[str, Any]])
     for name in dict.fromkeys([*row, *other]):
         first, second = row.get(name, "nothing"), other.get(name, "nothing")
         both = name in row and name in other
-        if both and np.isclose(first, second, rtol=SAME_ROW, atol=0.0, equal_nan=True):
+        if both and np.allclose(first, second, rtol=SAME_ROW, atol=0.0, equal_nan=True):
             continue
         return (
             f"solve: column {name!r} of the monitor is {first} on rank 0 and {second} on rank "
