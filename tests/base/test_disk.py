@@ -60,6 +60,7 @@ def test_folders_of_others(comm, out):
     assert vmdg.read_checkpoint(problem, folder) is not None
     on_root(comm, other.unlink)
     vmdg.discard_checkpoint(comm, folder)
+    comm.barrier()
     assert not any(folder.iterdir())
     assert (others / "x.npy").read_text() == WORDS
 

@@ -11,8 +11,8 @@ detected: the positions of all nodes and interface points are stored and compare
 
 Data that only speed up a run are not stored: factors of matrices, the bodies' part of the tangent,
 the path used by the predictor. :func:`vmdg.solve` discards them after every checkpoint, so that a
-resumed run repeats the uninterrupted one exactly on the same number of ranks, and up to rounding on
-another number.
+resumed run repeats the uninterrupted one exactly on the same number of ranks; where surfaces slide,
+and on another number of ranks, up to rounding.
 """
 
 from __future__ import annotations
