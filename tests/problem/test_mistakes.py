@@ -547,7 +547,7 @@ WRONG_TYPES = {
     ),
     "a list of problems": (
         lambda s: run(s, problem=[bonded(s)]),
-        r"solve: problem = \[<Problem: .*\] must be a vmdg.Problem: solve\(problem, loads\)",
+        r"solve: problem = \[<Problem: .*\] must be a vmdg.Problem: solve\(problem, ",
     ),
     "a checkpoint of a folder": (
         lambda s: vmdg.read_checkpoint("run", bonded(s)),
