@@ -149,9 +149,9 @@ def test_first_in_sight():
 
 
 def test_shallow_overlap():
-    """Two blocks of one width, one .01 mm in the other, a little wider or not: their sides, which are
-    1 mm from each other through both bodies, are no pair; nor are the ends of a pin of .1 mm in a slot
-    of .098 mm those of what it is in."""
+    """Two blocks of one width, one .01 mm in the other, a little wider or not: their sides, which
+    are 1 mm from each other through both bodies, are no pair; nor are the ends of a pin of .1 mm in
+    a slot of .098 mm those of what it is in."""
     for wider in (0.0, 1e-6, 1e-3):
         lower, upper = film(10, -1.0, 0.0, 1 + 2 * wider, -wider), film(12, -0.01, 1.0)
         found = cut(lower, upper)
