@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from mpi4py import MPI
 
@@ -13,9 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.kernels import call, compile_source
-
-if TYPE_CHECKING:
-    from .segments import FlatFacets
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
@@ -34,6 +31,19 @@ void opposite(long{", void *" * 16});
 """
 
 
+class Facets(Protocol):
+    """What is known of facets: see :class:`.FlatFacets`."""
+
+    @property
+    def corners(self) -> Array: ...
+    @property
+    def normals(self) -> Array: ...
+    @property
+    def centres(self) -> Array: ...
+    @property
+    def radii(self) -> Array: ...
+
+
 class FacetTree:
     """Facets in the leaves of a binary tree, in Morton's order.
 
@@ -41,7 +51,7 @@ class FacetTree:
         facets: The facets.
     """
 
-    def __init__(self, facets: FlatFacets):
+    def __init__(self, facets: Facets):
         self.facets, corners = facets, facets.corners
         count, _, d = corners.shape
         levels = int(np.ceil(np.log2(max(count, 1))))
@@ -88,7 +98,7 @@ class FacetTree:
         return places, away, which
 
     def opposite(
-        self, others: FlatFacets, ahead: Array, behind: Array, angle: float
+        self, others: Facets, ahead: Array, behind: Array, angle: float
     ) -> tuple[Numbers, Numbers]:
         """Others and facets with opposite normals that are not beside each other seen along those
         of the others, by the others.
