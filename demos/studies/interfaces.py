@@ -42,7 +42,7 @@ def main(
         else:
             outcome = stress(number, PATIENCE, draw=judged)
         outcomes.append(outcome)
-        if outcome.verdict in BAD or only is not None:
+        if comm.rank == 0 and (outcome.verdict in BAD or only is not None):
             lines = (f"scene {number}, {outcome.verdict}: {outcome.case}", outcome.detail)
             bar.write("\n".join(lines))
     if comm.rank == 0 and only is None:
