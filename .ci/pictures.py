@@ -38,6 +38,7 @@ COMMANDS = {
     "unloading": (".ci/unloading.py OUT/unloading.png", "unloading.png"),
     "weak_links": ("weak_links", "weak_links.png"),
     "measured_beam": ("measured_beam", "measured_beam.png"),
+    "measured_images": ("measured_images", "measured_images.png"),
     "measured_modes": ("measured_modes", "measured_modes.png"),
     "measured_pushout": ("measured_pushout", "measured_pushout.png measured_pushout.md"),
     "bridged_dcb": ("bridged_dcb", "bridged_dcb.png bridged_dcb.md"),

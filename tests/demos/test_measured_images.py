@@ -1,0 +1,29 @@
+"""Strength, gap and modulus from a force and images, at a coarse size."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def test_measured_images(comm, out):
+    """The truth lies within three standard errors, which the images make smaller."""
+    import measured_images as demo
+
+    found = demo.main(images=5, facet=1.0, out=str(out))
+    alone, both = (found[name].relative_errors for name in ("force", "force and images"))
+    for name, value in demo.TRUTH.items():
+        estimate = found["force and images"].estimate[name]
+        assert abs(np.log(estimate / value)) < 3 * both[name]
+    assert both["bond.strength"] < 0.3 * alone["bond.strength"]
+    if comm.rank == 0:
+        assert (out / "measured_images.png").stat().st_size > 10_000
+
+
+def test_study(comm, out):
+    """Two seeds per data."""
+    import image_coverage as study
+
+    found = study.main(seeds=2, images=4, facet=1.0, out=str(out))
+    assert found["force and images"][0, 0] < found["force"][0, 0]
+    if comm.rank == 0:
+        assert (out / "image_coverage.md").read_text().count("of 2 |") == 8
