@@ -11,6 +11,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
+from ..base.parallel import global_any
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..forms.geometry import Geometry
@@ -81,6 +82,10 @@ class ActiveInterface:
             space.mesh, facets, facet_degree(space.ufl_element().degree), bodies.geometry
         )
         self.law = facets.law.at(self.quadrature.facet)
+        # Facets that never had a bond: all without one in the law, none where a bond slides.
+        whole = np.array([False]) if facets.slides else facets.damage == 1.0
+        self._bare = whole if interface.law.has_bond else np.array([interface.law.inelastic])
+        self._some_bare = global_any(space.mesh.comm, bool(self._bare.any()))
         self._u, self._bodies = u, bodies
         self.stabilizer = self._make_stabilizer()
         self.fluid: Fluid | None = None
@@ -140,10 +145,9 @@ class ActiveInterface:
 
     @property
     def lets_go(self) -> bool:
-        """Whether open facets are left out: without a bond, and without a fluid to push them."""
-        law = self.interface.law
-        bare = law.inelastic and not law.has_bond
-        return bare and self.fluid is None and not self.interface.traction_jump
+        """Whether facets are left out where they are open: some never had a bond, and there is no
+        fluid to push them; the same on all ranks."""
+        return self._some_bare and self.fluid is None and not self.interface.traction_jump
 
     def _leave_out_open(self) -> float:
         """Leave out the facets that are open everywhere, with zeta = g; the resulting change of the
@@ -151,7 +155,7 @@ class ActiveInterface:
         q, r, trial = self.quadrature, self.stabilization.norm, self.trial()
         idle = ~self.history.traction.any(axis=1)
         R = np.eye(q.d)[None] if trial.R is None else trial.R
-        out = np.ones(len(r), dtype=bool)
+        out = np.full(len(r), self._bare)
         out[q.facet[~(idle & _apart(trial))]] = False
         self._leave_out(out)
         if not out.any():
