@@ -47,7 +47,7 @@ class ActiveInterface:
     its approximation the body would be softer near another one that it does not touch. Facets where
     all points are open at the start of a step are left out: with zero flux weights zeta = g makes
     T = s = 0, and no term remains. A facet is taken in, with its weights, in the first iteration
-    in which one of its points closes with them, and then for the whole step: decided anew in every
+    in which one of its points closes with them, and then for the whole step: decided again in every
     state, points would alternate where -|{P.N}|^2/(2r) itself closes the gap. Since s = 0 at its
     start, a step has the same energy there with the facet and without.
 
@@ -140,14 +140,8 @@ class ActiveInterface:
             if before is not None:
                 self._follow_penalty(np.maximum(stabilization.norm - before.norm, 0.0))
         energy = 0.0 if before is None else self._energy_between(before, self.stabilization)
-        released = self._leave_out_open() if self.lets_go else 0.0
+        released = self._leave_out_open() if lets_go(self) else 0.0
         return energy + released * (before is not None)
-
-    @property
-    def lets_go(self) -> bool:
-        """Whether facets are left out where they are open: some never had a bond, and there is no
-        fluid to push them; the same on all ranks."""
-        return self._some_bare and self.fluid is None and not self.interface.traction_jump
 
     def _leave_out_open(self) -> float:
         """Leave out the facets that are open everywhere, with zeta = g; the resulting change of the
@@ -185,11 +179,6 @@ class ActiveInterface:
     def _open_gaps(self, gap: NDArray[np.float64], rows: NDArray[np.bool_]) -> None:
         """Set zeta of the history (nq, d) [mm], with s = 0 at some points (nq,)."""
         self.history = replace(self.history, gap=gap)
-
-    def take_in(self) -> None:
-        """Take in all facets that were left out."""
-        if self.lets_go:
-            self._leave_out(np.zeros(len(self.facets.facets), dtype=bool))
 
     def _energy_between(self, before: Stabilization, after: Stabilization) -> float:
         """Difference of (30) at the current state [N mm; N in plane strain].
@@ -256,7 +245,7 @@ class ActiveInterface:
             closes: Take in facets that were left out and now touch.
         """
         known, q = self.stabilization, self.quadrature
-        out = known.left_out if self.lets_go else np.zeros(0, dtype=bool)
+        out = known.left_out if lets_go(self) else np.zeros(0, dtype=bool)
         if out.any():
             known = replace(known, weights=self.stabilizer.flux_weights(known.delta))
         trial = self._return_map.trial(known, self.history, self._overstress_modulus, self._cycles)
@@ -452,6 +441,18 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
         for active, trial, end in zip(group, trials, ends, strict=True):
             alone = len(group) == 1
             active.take(values if alone else rows_of(values, slice(end - len(trial.opening), end)))
+
+
+def lets_go(active: ActiveInterface) -> bool:
+    """Whether facets are left out where they are open: some never had a bond, and there is no fluid
+    to push them; the same on all ranks."""
+    return active._some_bare and active.fluid is None and not active.interface.traction_jump
+
+
+def take_in(active: ActiveInterface) -> None:
+    """Take in all facets that were left out."""
+    if lets_go(active):
+        active._leave_out(np.zeros(len(active.facets.facets), dtype=bool))
 
 
 def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:
