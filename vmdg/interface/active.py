@@ -489,7 +489,7 @@ def pair_energy(active: ActiveInterface) -> float:
     """Energy (30) at this rank's points [N mm; N in plane strain]."""
     if active.stabilization is None:
         return 0.0
-    # Eigenstrains may have changed since the last return map: tractions anew, with its zeta.
+    # Eigenstrains may have changed since the last return map: tractions again, with its zeta.
     trial, values = active.trial(), active.values
     if active.law.inelastic:
         R, gap = values.rotation, values.gap
