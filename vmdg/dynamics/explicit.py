@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..base.parallel import global_any, global_max, global_sum, raise_together
 from ..domain.topology import box_sides
+from ..interface.active import take_in
 from ..linear.ksp import destroy, set_options
 from ..problem.ledger import WorkInMotion
 from ..problem.motion import Plan, moving
@@ -184,7 +185,7 @@ class ExplicitSteps:
         interfaces = problem.discretization.active.values()
         known = [active.stabilization for active in interfaces]
         for active in interfaces:
-            active.take_in()
+            take_in(active)
         problem.step.assemble_residual(hold=True)
         matrix = problem.discretization.create_matrix()
         problem.discretization.assemble_tangent(matrix, damage=False)

@@ -138,14 +138,8 @@ class ActiveInterface:
             if before is not None:
                 self._follow_penalty(np.maximum(stabilization.norm - before.norm, 0.0))
         energy = 0.0 if before is None else self._energy_between(before, self.stabilization)
-        released = self._leave_out_open() if self.lets_go else 0.0
+        released = self._leave_out_open() if lets_go(self) else 0.0
         return energy + released * (before is not None)
-
-    @property
-    def lets_go(self) -> bool:
-        """Whether open facets are left out: where a law can fail, without a fluid to push them."""
-        bare = self.fluid is None and not self.interface.traction_jump
-        return bare and self.interface.law.inelastic
 
     def _leave_out_open(self) -> float:
         """Leave out the facets that are open everywhere, with zeta = g; the resulting change of the
@@ -207,11 +201,6 @@ class ActiveInterface:
     def _open_gaps(self, gap: NDArray[np.float64], rows: NDArray[np.bool_]) -> None:
         """Set zeta of the history (nq, d) [mm], with s = 0 at some points (nq,)."""
         self.history = replace(self.history, gap=gap)
-
-    def take_in(self) -> None:
-        """Take in all facets that were left out."""
-        if self.lets_go:
-            self._leave_out(np.zeros(len(self.facets.facets), dtype=bool))
 
     def _energy_between(self, before: Stabilization, after: Stabilization) -> float:
         """Difference of (30) at the current state [N mm; N in plane strain].
@@ -275,11 +264,11 @@ class ActiveInterface:
             closes: Take in facets that were left out and now touch.
         """
         known, q = self.stabilization, self.quadrature
-        out = known.left_out if self.lets_go else np.zeros(0, dtype=bool)
+        out = known.left_out if lets_go(self) else np.zeros(0, dtype=bool)
         if out.any():
             known = replace(known, weights=self.stabilizer.flux_weights(known.delta))
         trial = self._return_map.trial(known, self.history, self._overstress_modulus, self._cycles)
-        if closes and self._at_rest and self.lets_go:
+        if closes and self._at_rest and lets_go(self):
             opened = self._idle() & ~np.isin(self._labels, self._kept)
             opened[q.facet[self._widths(trial) <= 0]] = False
             if (opened & ~out).any():
@@ -500,6 +489,19 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
         for active, trial, end in zip(group, trials, ends, strict=True):
             alone = len(group) == 1
             active.take(values if alone else rows_of(values, slice(end - len(trial.opening), end)))
+
+
+def lets_go(active: ActiveInterface) -> bool:
+    """Whether facets are left out where they are open: their law can fail, and there is no fluid to
+    push them."""
+    bare = active.fluid is None and not active.interface.traction_jump
+    return bare and active.interface.law.inelastic
+
+
+def take_in(active: ActiveInterface) -> None:
+    """Take in all facets that were left out."""
+    if lets_go(active):
+        active._leave_out(np.zeros(len(active.facets.facets), dtype=bool))
 
 
 def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:

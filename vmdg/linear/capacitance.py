@@ -18,7 +18,7 @@ from ..assembly.point_matrices import jump_matrix, traction_matrix
 from ..base.parallel import global_any, global_norm, global_sum
 from ..base.timers import timer
 from ..base.units import power_of_two
-from ..interface.active import ActiveInterface
+from ..interface.active import ActiveInterface, lets_go
 from ..interface.return_map import Trial, apply, map_back
 from ..problem.problem import Problem
 from .ksp import LDLT, destroy, make_ksp, refuse_memory
@@ -115,7 +115,7 @@ class Capacitance:
 
     def _flux_weights(self) -> list[Array]:
         """Of the interfaces whose open facets are left out."""
-        return [one.stabilization.weights for one in self._interfaces if one.lets_go]
+        return [one.stabilization.weights for one in self._interfaces if lets_go(one)]
 
     def _follow(self) -> None:
         """Factorize again if facets have been left out or taken in since; collective."""

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ..assembly.discretization import interface_forces
 from ..base.parallel import global_any, global_sum
 from ..base.timers import timer
-from ..interface.active import ActiveInterface
+from ..interface.active import ActiveInterface, lets_go
 from ..interface.history import InterfaceSnapshot, PointHistory
 from ..interface.points import PointValues
 from ..interface.return_map import Trial
@@ -322,7 +322,7 @@ def _history(
     active: ActiveInterface, start: InterfaceSnapshot, rate: InterfaceSnapshot
 ) -> PointHistory:
     """Rates of the history in a step: where a facet is left out at its start zeta = R^T.g."""
-    if not active.lets_go:
+    if not lets_go(active):
         return rate.history
     let_go = (active.history.gap != start.history.gap).any(axis=1, keepdims=True)
     opening, R = rate.values.opening, start.values.rotation

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..assembly.discretization import stabilization_anew
 from ..base.parallel import global_any
-from ..interface.active import ActiveInterface
+from ..interface.active import ActiveInterface, lets_go
 from ..interface.stabilization import Stabilization
 from ..problem.problem import Problem
 from ..problem.states import Rate
@@ -123,7 +123,7 @@ def _where_own(near: Stabilization, here: Stabilization, last: Stabilization) ->
 
 def _in_forms(active: ActiveInterface, rate: Stabilization) -> Stabilization:
     """With the rates of the flux weights of facets that are not left out, and no others."""
-    if not active.lets_go:
+    if not lets_go(active):
         return rate
     weights = active.stabilizer.flux_weights(rate.delta)
     out = active.stabilization.left_out[:, None, None, None]
