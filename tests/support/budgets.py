@@ -108,9 +108,9 @@ BUDGETS = {
     "crack that opens": Budget("whatever the number of facets", most=10),
     "pressed faces": Budget("linear bodies tell what the points do", most=3),
     "turned blocks, 2D": Budget(
-        "the first guess of linear bodies is the solution", most=0, systems=1
+        "the first guess of linear bodies, and what opens is left out", most=1, systems=3
     ),
-    "turned blocks, 3D": Budget("but for the direction of friction", most=1, systems=1),
+    "turned blocks, 3D": Budget("and the direction of friction", most=2, systems=3),
     "block on contact": Budget("nothing opens", most=2),
     "squeezed joint": Budget("tau_s of the start of the step is nearly that of its end", most=3),
     "law without potential": Budget("converges quadratically, though not symmetric", most=6),

@@ -77,7 +77,8 @@ def door(called: Called, inner: bool = True, largest: float = np.inf) -> Called:
             if not inner:
                 raise
             said = ", ".join(f"{argument} = {_SHORT.repr(one)}" for argument, one in given.items())
-            raise ValueError(
+            kind = TypeError if isinstance(error, TypeError) else ValueError
+            raise kind(
                 f"{name} cannot use these arguments ({type(error).__name__}: {error}): {said}"
             ) from error
 

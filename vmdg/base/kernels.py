@@ -254,7 +254,8 @@ class PointKernel:
     def __call__(self, rows: NDArray[np.integer] | slice) -> NDArray[np.float64]:
         """Values at some points (n, components), of the present values of the fields."""
         values = [f.x.array.reshape(-1, f.function_space.dofmap.index_map_bs) for f in self.fields]
-        w = np.concatenate([array[rows] for array in values], axis=1)
+        count = rows.stop if isinstance(rows, slice) else len(rows)
+        w = np.concatenate([np.zeros((count, 0)), *(array[rows] for array in values)], axis=1)
         c = np.concatenate([np.zeros(0), *(np.ravel(one.value) for one in self._constants)])
         result, sizes = np.zeros((len(w), self._size)), np.array([w.shape[1], self._size])
         call(self._module, "evaluate", w, sizes, c, self._address, result)

@@ -56,42 +56,22 @@ class Rule(NamedTuple):
         corners, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, points)
         return cls(corners, np.array(slopes), weights)
 
-    def as_quadrilateral(self, count: int) -> Rule:
-        """That of triangles on quadrilaterals with a repeated corner, with ``count`` points: those
-        that are added have no weight."""
-        corners, slopes = (np.insert(array, 2, 0.0, axis=-1) for array in self[:2])
-        more = np.minimum(np.arange(count), len(self.weights) - 1)
-        weights = np.where(np.arange(count) < len(self.weights), self.weights[more], 0.0)
-        return Rule(corners[more], slopes[:, more], weights)
 
-
-def rules_with_corners(kind: basix.CellType, degree: int) -> list[Rule]:
-    """Rules with positive weights and a point at every corner, exact to a degree, 2 or 4; for
-    quadrilaterals a second one for those with a repeated corner.
+def rule_with_corners(kind: basix.CellType, degree: int) -> Rule:
+    """Positive weights and a point at every corner, exact to a degree; the rule of Gauss where
+    points at corners make contact alternate.
 
     Bodies that touch with a corner do so in a point: between points of Gauss it would sink in.
-    Intervals and quadrilaterals have the rule of Lobatto in each direction. On triangles, with
-    symmetry, degree 2 takes the corners and the centre. Degree 4 takes corners, midpoints of sides
-    and points with barycentric coordinates (a, a, 1 - 2a); its four moments have one solution
-    with positive weights, a = (7 - sqrt(13))/18.
+    Intervals have the rule of Lobatto. On triangles corners and centre, with weights 1/12 and 3/4
+    of the area, are exact to degree 2. On triangles of a higher degree and on quadrilaterals, whose
+    rule would change where a corner vanishes, contact alternates.
     """
-    if kind != basix.CellType.triangle:
-        lobatto = basix.make_quadrature(kind, degree, rule=basix.QuadratureType.gll)
-        rules = [Rule.of(kind, *lobatto)]
-        if kind == basix.CellType.quadrilateral:
-            # A product of two bilinear functions has degree 4.
-            (triangle,) = rules_with_corners(basix.CellType.triangle, 4)
-            rules.append(triangle.as_quadrilateral(len(lobatto[1])))
-        return rules
-    root = np.sqrt(13.0)
-    if degree <= 2:
-        orbits = [(0.0, 1 / 12, 3), (1 / 3, 3 / 4, 1)]
-    else:
-        inner = (7 - root) / 18, (29 + 17 * root) / 360, 3
-        orbits = [(0.0, (11 - root) / 360, 3), (0.5, (10 - 2 * root) / 45, 3), inner]
-    points = [[(a, a), (1 - 2 * a, a), (a, 1 - 2 * a)][:count] for a, _, count in orbits]
-    weights = np.repeat([w / 2 for _, w, _ in orbits], [count for *_, count in orbits])
-    return [Rule.of(kind, np.concatenate(points), weights)]
+    if kind == basix.CellType.interval:
+        return Rule.of(kind, *basix.make_quadrature(kind, degree, rule=basix.QuadratureType.gll))
+    if kind == basix.CellType.triangle and degree <= 2:
+        points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1 / 3, 1 / 3]])
+        return Rule.of(kind, points, np.array([1 / 24, 1 / 24, 1 / 24, 3 / 8]))
+    return Rule.of(kind, *basix.make_quadrature(kind, degree))
 
 
 class Shifts(NamedTuple):
@@ -137,14 +117,12 @@ class PairQuadrature(InterfaceQuadrature):
         kind = _KINDS[corners]
         self._order = [0, 1, 3, 2] if corners == 4 else list(range(corners))
         law = facets.surfaces.law
-        self._rules = (
-            [Rule.of(kind, *basix.make_quadrature(kind, degree))]
-            if law.has_bond or not law.inelastic
-            else rules_with_corners(kind, degree)
-        )
+        gauss = law.has_bond or not law.inelastic
+        given = basix.make_quadrature(kind, degree)
+        self._rule = Rule.of(kind, *given) if gauss else rule_with_corners(kind, degree)
         # Products of two displacements are integrated exactly.
-        given = len(self._rules[0].weights), (degree + 1) // 2
-        self._polynomials = [FacetPolynomials(mesh, side, *given) for side in facets.surfaces.sides]
+        size = len(self._rule.weights), (degree + 1) // 2
+        self._polynomials = [FacetPolynomials(mesh, side, *size) for side in facets.surfaces.sides]
         self._room = -1
         self.take(facets)
 
@@ -161,7 +139,7 @@ class PairQuadrature(InterfaceQuadrature):
         """
         self.facets, segments, d = facets, facets.segments, self.d
         corners = segments.corners[:, self._order]
-        rule = self._rule_of(corners)
+        rule = self._rule
         plane = rule.corners @ corners
         areas = np.abs(determinants(_edges(rule, corners))) * rule.weights
         one, two = (self._places_of(facets, plane, a, u) for a in range(2))
@@ -208,14 +186,14 @@ class PairQuadrature(InterfaceQuadrature):
         segments, order, t = self.facets.segments, self._order, self.d - 1
         corners, follows = segments.corners[:, order], segments.follows[:, order]
         follows[: self.facets.bonded] = 0.0
-        rule = self._rule_of(corners)
+        rule = self._rule
         places = rule.corners @ corners
         edges = _edges(rule, corners)
         # At a corner between sides in one line there is no area.
         area = np.abs(determinants(edges))
         flat = area <= _FLAT * area.max(axis=1, keepdims=True)
         edges[flat] = np.eye(t)
-        slopes = np.einsum("stqc,sqkt->sqck", rule.slopes, np.linalg.inv(edges))
+        slopes = np.einsum("tqc,sqkt->sqck", rule.slopes, np.linalg.inv(edges))
         slopes[flat] = 0.0
         # Sums over the corners of what follows, and of its products with their places.
         each = follows.reshape(*follows.shape[:2], t * t)
@@ -229,13 +207,6 @@ class PairQuadrature(InterfaceQuadrature):
         area_slope = grown @ corners[:, None] - area[..., None] * places[:, :, None]
         found = place, place_slope, area, area_slope
         return Shifts(*(array.reshape(-1, *array.shape[2:]) for array in found))
-
-    def _rule_of(self, corners: Array) -> Rule:
-        """The rule of every segment, from its corners (ns, c, d - 1)."""
-        which = np.zeros(len(corners), dtype=int)
-        if len(self._rules) > 1:
-            which += (corners[:, 2] == corners[:, 3]).all(axis=1)
-        return Rule(*(np.stack(arrays)[which] for arrays in zip(*self._rules, strict=True)))
 
     def _circumference(self, positions: Array) -> Array:
         """At points (ns, nq, d), in axisymmetry; else 1 (ns, nq)."""
@@ -267,4 +238,4 @@ class PairQuadrature(InterfaceQuadrature):
 def _edges(rule: Rule, corners: Array) -> Array:
     """Tangents of the plane at the points of segments with these corners (ns, nq, d - 1, d - 1),
     by reference coordinate first."""
-    return np.einsum("stqc,sck->sqtk", rule.slopes, corners)
+    return np.einsum("tqc,sck->sqtk", rule.slopes, corners)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 from dolfinx import fem
@@ -51,6 +50,7 @@ class Neighbours:
         self.actives = list(self.parts.active.values())
         self._field = fem.Function(problem.space)
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
+        self._known: tuple[list[Array], list[csr_array]] | None = None
 
     @contextmanager
     def interfaces(
@@ -176,10 +176,14 @@ class Neighbours:
         forces.x.scatter_reverse(InsertMode.add)
         return forces.x.array[: self.parts.owned].copy()
 
-    @cached_property
+    @property
     def _tractions(self) -> list[csr_array]:
-        """Transposes of int q.Tt(du) dA at small strain, over local dofs and gap components."""
-        return [local_tractions(active) for active in self.actives]
+        """Transposes of int q.Tt(du) dA at small strain, over local dofs and gap components; made
+        again where facets have been left out or taken in."""
+        weights = [active.stabilization.weights for active in self.actives]
+        if self._known is None or not all(map(np.array_equal, weights, self._known[0])):
+            self._known = weights, [local_tractions(active) for active in self.actives]
+        return self._known[1]
 
     def forces(
         self,

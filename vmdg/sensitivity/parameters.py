@@ -225,9 +225,10 @@ def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) 
         ValueError: there is no such parameter, or its value is zero.
         TypeError: names are not a list of text.
     """
-    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+    texts = not isinstance(names, str) and all(isinstance(name, str) for name in names)
+    if not texts or not len(names):
         raise TypeError(
-            f"solve: derivatives = {names!r} must be a list of names, such as "
+            f"solve: derivatives = {names!r} must be a list of names, one or more, such as "
             '["bond.strength", "matrix.E"]'
         )
     places, known, found = _places(problem), parameter_names(problem), []

@@ -84,11 +84,6 @@ def solve(
     problem.step.come_to_rest()
     carried = None
     if derivatives is not None:
-        if isinstance(derivatives, str) or not len(derivatives):
-            raise ValueError(
-                f"solve: derivatives = {derivatives!r} must be one or more names of parameters, "
-                'such as ["bond.strength"]'
-            )
         check_differentiable(problem, options, history is not None)
         carried = Derivatives(problem, derivatives, options.energy)
     if loads.size:
