@@ -26,8 +26,7 @@ from .identification.curves import Curve as Curve
 from .identification.fields import Field as Field
 from .identification.identify import identify as identify
 from .identification.result import Identified as Identified
-from .interface.interface import Interface as Interface
-from .interface.points import InterfaceState as InterfaceState
+from .interface.values import InterfaceState as InterfaceState
 from .laws import Bonded as Bonded
 from .laws import Contact as Contact
 from .laws import Debonding as Debonding
@@ -53,6 +52,7 @@ from .output.profile import profile as profile
 from .output.summary import average as average
 from .output.summary import extremes as extremes
 from .output.summary import integral as integral
+from .points.interface import Interface as Interface
 from .problem.axial import GeneralizedStrain as GeneralizedStrain
 from .problem.damping import Rayleigh as Rayleigh
 from .problem.periodic import Periodic as Periodic

@@ -48,8 +48,8 @@ import vmdg
 from vmdg.assembly.point_matrices import add_fields, create_matrix, sparsity
 from vmdg.base.parallel import global_sum
 from vmdg.interface.coercivity import margin
-from vmdg.interface.jets import FacetJets
 from vmdg.meshes import blocks
+from vmdg.points.jets import FacetJets
 
 BRICKS = pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 KINEMATICS = pytest.mark.parametrize("kinematics", ["finite", "small"])

@@ -32,19 +32,19 @@ from vmdg.base.kernels import compile_form
 from vmdg.base.quadrature import facet_degree
 from vmdg.domain.shapes import places_in_cells
 from vmdg.domain.topology import tags_of_cells
-from vmdg.interface.facets import find_facets
-from vmdg.interface.interface import Interface
-from vmdg.interface.quadrature import FacetQuadrature
 from vmdg.meshes import blocks
+from vmdg.points.facets import find_facets
+from vmdg.points.interface import Interface
+from vmdg.points.points import FacetPoints
 
 N = 4  # cells along each side of the unit box
 SHEAR = np.array([[1.2, 0.3, 0.1], [-0.2, 0.9, 0.25], [0.15, -0.1, 1.1]])
 
 
-def points_of(mesh, tags, interface: Interface, degree: int = 1) -> FacetQuadrature:
+def points_of(mesh, tags, interface: Interface, degree: int = 1) -> FacetPoints:
     """Facet points of an interface of a mesh."""
     facets = find_facets(mesh, tags_of_cells(mesh, tags), interface)
-    return FacetQuadrature(mesh, facets, facet_degree(degree))
+    return FacetPoints(mesh, facets, facet_degree(degree))
 
 
 def is_inclusion(x):

@@ -9,8 +9,8 @@ from support.scenes import two_blocks
 
 import vmdg
 from vmdg import plot
-from vmdg.interface.interface import interface_names, number_of
 from vmdg.output.values import facet_scalar, scalar
+from vmdg.points.interface import interface_names, number_of
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05)
 

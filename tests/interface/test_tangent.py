@@ -15,7 +15,7 @@ from support.symbolic import SymbolicForm
 import vmdg
 from vmdg import Mode
 from vmdg.assembly.point_matrices import add_fields, add_tangent
-from vmdg.interface.jets import FacetJets
+from vmdg.points.jets import FacetJets
 
 
 @EVERY_CELL

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 
 from ..base.timers import timer
 from ..interface.active import ActiveInterface, interface_flux
-from ..interface.jets import FacetJets
 from ..interface.point_flux import FluxChange
+from ..points.jets import FacetJets
 from .point_matrices import add_couplings, add_fields, create_matrix, sparsity
 from .weak_form import WeakForm
 

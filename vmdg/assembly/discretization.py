@@ -31,12 +31,12 @@ from ..interface.active import (
     recoverable_energy,
     update_points,
 )
-from ..interface.facets import InterfaceFacets
-from ..interface.interface import Interface
-from ..interface.jets import FacetJets
 from ..interface.moving import MovingInterface
 from ..interface.point_flux import FluxChange, PointFlux
 from ..interface.stabilization import Stabilization, Stabilizers
+from ..points.facets import InterfaceFacets
+from ..points.interface import Interface
+from ..points.jets import FacetJets
 from .cell_tangents import CellTangents
 from .dilatation import Dilatation
 from .means import MeanSpace

@@ -15,8 +15,8 @@ from scipy.sparse import csr_array
 from .. import compat
 from ..base.arrays import joined_axes
 from ..interface.active import ActiveInterface
-from ..interface.jets import FacetJets, Field
 from ..interface.point_flux import FluxChange
+from ..points.jets import FacetJets, Field
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from .. import compat
 from ..base.graph import components
 from ..base.parallel import global_any, global_sum, group_maxima
 from ..domain.topology import facet_cells, local_facets
-from ..interface.facets import InterfaceFacets
+from ..points.facets import InterfaceFacets
 
 
 def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.FunctionSpace:

@@ -11,8 +11,8 @@ from dolfinx.mesh import compute_midpoints
 
 from ..assembly.means import lattice_of
 from ..base.parallel import global_sum
-from ..interface.interface import Interface
 from ..materials.point import PointMaterial
+from ..points.interface import Interface
 from ..problem.problem import Problem
 
 #: Relative tolerance for sums over the mesh between partitions.

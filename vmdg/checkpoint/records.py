@@ -4,7 +4,7 @@ Cells are identified by their number in the input of the mesh, ``original_cell_i
 numbers them in input order, so meshes from gmsh, from a file and from DOLFINx's generators have the
 same numbers on any number of ranks. Cells also keep the order of their nodes, hence of their
 Lagrange dofs, of any degree, and of their facets: a facet is identified by the cell of its side 1
-(independent of the partition, :func:`vmdg.interface.facets.find_facets`) and its number in it. The
+(independent of the partition, :func:`vmdg.points.facets.find_facets`) and its number in it. The
 pairs of surfaces that slide follow from the displacement and from the facets whose bond holds.
 
 The order of the points of a facet depends on the partition, since nodes of the facet submesh are
@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 
 from ..base.graph import occurrences
 from ..interface.active import ActiveInterface
-from ..interface.facets import InterfaceFacets
 from ..interface.history import HISTORY_ARRAYS, InterfaceSnapshot, PointHistory
 from ..interface.moving import MovingInterface
-from ..interface.points import VALUE_ARRAYS, PointValues
-from ..interface.quadrature import InterfaceQuadrature
 from ..interface.stabilization import Stabilization
+from ..interface.values import VALUE_ARRAYS, PointValues
+from ..points.facets import InterfaceFacets
+from ..points.points import Points
 
 #: Tolerance for node positions, relative to the size of the mesh.
 SAME_PLACE = 1e-9
@@ -310,7 +310,7 @@ def _at_points(active: ActiveInterface) -> dict[str, NDArray]:
     return arrays | {name: array for name, array in values.items() if array is not None}
 
 
-def _same_points(quadrature: InterfaceQuadrature, places: NDArray[np.float64]) -> NDArray[np.intp]:
+def _same_points(quadrature: Points, places: NDArray[np.float64]) -> NDArray[np.intp]:
     """Stored point (nf, points per facet) at the position of every point of the facets."""
     mine = quadrature.points[quadrature.points_of_facet]
     distance = np.linalg.norm(mine[:, :, None] - places[:, None], axis=3)

@@ -18,8 +18,8 @@ from scipy.optimize import least_squares
 from ..base.agreement import together
 from ..base.units import power_of_two
 from ..base.words import near
-from ..interface.interface import interface_names
 from ..laws import Debonding, TrapezoidalDebonding
+from ..points.interface import interface_names
 from ..problem.problem import Problem
 from ..sensitivity.checks import check_differentiable
 from ..sensitivity.parameters import parameter_names

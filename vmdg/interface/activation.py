@@ -15,9 +15,9 @@ from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..domain.topology import mark_everywhere, refuse_facets
 from ..forms import kinematics
-from .facets import InterfaceFacets
-from .interface import Interface, InterfaceList
-from .quadrature import FacetQuadrature, SideEvaluators
+from ..points.facets import InterfaceFacets
+from ..points.interface import Interface, InterfaceList
+from ..points.points import FacetPoints, SideEvaluators
 from .stabilization import Stabilizer
 
 #: Utilization above which a facet is opened before the next step; above which others open with it,
@@ -45,7 +45,7 @@ class PotentialFacets:
     The traction is {P.N} with the weights delta of (23) at F = I: the softer side counts more.
     """
 
-    def __init__(self, interface: Interface, quadrature: FacetQuadrature, bodies: Bodies):
+    def __init__(self, interface: Interface, quadrature: FacetPoints, bodies: Bodies):
         self.interface = interface
         self.facets = quadrature.facets
         self._quadrature = quadrature
@@ -116,7 +116,7 @@ class Activation:
             if on_demand:
                 damaged = selected.facets[selected.damage > 0]
                 self.open[i] = mark_everywhere(mesh, fdim, damaged)
-                quadrature = FacetQuadrature(mesh, selected, facet_degree(degree), bodies.geometry)
+                quadrature = FacetPoints(mesh, selected, facet_degree(degree), bodies.geometry)
                 self._potential[i] = PotentialFacets(interface, quadrature, bodies)
 
     def __bool__(self) -> bool:

@@ -17,27 +17,25 @@ from ..domain.materials import Bodies
 from ..forms.geometry import Geometry
 from ..laws import Mode
 from ..laws.base import dot, joined_laws, same_law, work_gradient
-from .facets import InterfaceFacets
+from ..points.facets import InterfaceFacets
+from ..points.interface import Interface
+from ..points.pair_points import NO_GAP, PairPoints
+from ..points.pairing import PairedFacets
+from ..points.points import FacetPoints, Points
 from .fluid import Fluid
 from .frame import TurningTangent
 from .history import InterfaceSnapshot, PointHistory, with_rows, works
-from .interface import Interface
-from .pair_quadrature import NO_GAP, PairQuadrature
-from .pairing import PairedFacets
 from .point_residual import PointResidual
-from .points import InterfaceState, PointValues, joined, rows_of
-from .quadrature import FacetQuadrature, InterfaceQuadrature
 from .return_map import ReturnMap, Trial, apply, evaluate
 from .stabilization import Stabilization, Stabilizer
 from .tangent import PointTangent
+from .values import InterfaceState, PointValues, joined, rows_of
 
 
-def _quadrature(
-    mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geometry
-) -> InterfaceQuadrature:
+def _quadrature(mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geometry) -> Points:
     if isinstance(facets, PairedFacets):
-        return PairQuadrature(mesh, facets, degree, geometry)
-    return FacetQuadrature(mesh, facets, degree, geometry)
+        return PairPoints(mesh, facets, degree, geometry)
+    return FacetPoints(mesh, facets, degree, geometry)
 
 
 class ActiveInterface:

@@ -94,7 +94,7 @@ from ..forms import kinematics
 from ..forms.geometry import Axisymmetric, GeneralizedPlane
 from ..forms.kinematics import Body
 from ..laws.base import Law
-from .facets import InterfaceFacets
+from ..points.facets import InterfaceFacets
 from .free_stress import free_stress_factor
 
 #: alpha of :func:`margin`: of ties, of bonds from degree 2 on, and of all others.

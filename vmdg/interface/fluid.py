@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from ..base.arrays import joined_axes
 from ..domain.materials import Bodies
 from ..forms import kinematics
-from .points import PointValues
-from .quadrature import InterfaceQuadrature, SideEvaluators
+from ..points.points import Points, SideEvaluators
 from .return_map import apply
 from .stabilization import Stabilization
+from .values import PointValues
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class Fluid:
         share: Fraction of the pressure that acts at the points (nq,); never modified in place.
     """
 
-    def __init__(self, quadrature: InterfaceQuadrature, u: fem.Function, bodies: Bodies):
+    def __init__(self, quadrature: Points, u: fem.Function, bodies: Bodies):
         self.pressure = fem.Function(quadrature.space(()), name="fluid")
         self.share = np.ones(len(quadrature.weights))
         self._quadrature, self._u = quadrature, u

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ..base.kernels import call, compile_source
 from ..domain.materials import Bodies
-from .interface import Interface
-from .quadrature import InterfaceQuadrature
+from ..points.interface import Interface
+from ..points.points import Points
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ _EPSILON[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1
 _EPSILON[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = -1
 
 
-def turns(interface: Interface, bodies: Bodies, quadrature: InterfaceQuadrature) -> bool:
+def turns(interface: Interface, bodies: Bodies, quadrature: Points) -> bool:
     """Whether the law of an interface works in a rotating frame: not at small strain, nor where one
     side is a rigid wall, nor for ties without an initial gap, which turns with the bodies. A frame
     of side 1 is that of the wall, or turns."""

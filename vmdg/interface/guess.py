@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..laws import Mode
 from ..laws.base import dot
 from .active import ActiveInterface
-from .points import PointValues
+from .values import PointValues
 
 Points = NDArray[np.bool_]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..laws import Law, Mode, Update
-from .points import PointValues
 from .stabilization import Stabilization
+from .values import PointValues
 
 Array = NDArray[np.float64]
 

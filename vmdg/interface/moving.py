@@ -33,17 +33,17 @@ from ..base.parallel import gathered, global_any, global_sum
 from ..domain.materials import Bodies
 from ..domain.topology import box_sides
 from ..laws import Mode
+from ..points.interface import AUTO, Interface
+from ..points.pair_points import PairPoints
+from ..points.pairing import PairedFacets
 from .active import ActiveInterface
 from .coercivity import margin
 from .frame import TurningTangent
 from .history import InterfaceSnapshot, PointHistory, with_rows
-from .interface import AUTO, Interface
-from .pair_quadrature import PairQuadrature
-from .pairing import PairedFacets
 from .parted import BondedArea, turned
 from .partners import PartnerTangent
-from .points import InterfaceState, PointValues, joined
 from .stabilization import GOOD_RATIO, BubbleIntegrals, Stabilization, Stabilizer
+from .values import InterfaceState, PointValues, joined
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ class SurfaceStabilizer(Stabilizer):
     """
 
     def __init__(
-        self, interface: Interface, quadrature: PairQuadrature, u: fem.Function, bodies: Bodies
+        self, interface: Interface, quadrature: PairPoints, u: fem.Function, bodies: Bodies
     ):
         self.interface, self._quadrature, self._turns = interface, quadrature, True
         self.automatic = interface.safety == AUTO
@@ -231,7 +231,7 @@ class MovingInterface(ActiveInterface):
     """
 
     facets: PairedFacets
-    quadrature: PairQuadrature
+    quadrature: PairPoints
     stabilizer: SurfaceStabilizer
 
     def __init__(self, interface: Interface, facets: PairedFacets, u: fem.Function, bodies: Bodies):

@@ -13,9 +13,9 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from ..laws import Mode
-from .pair_quadrature import PairQuadrature
-from .points import InterfaceState
-from .segments import FlatFacets, plane_axes
+from ..points.pair_points import PairPoints
+from ..points.segments import FlatFacets, plane_axes
+from .values import InterfaceState
 
 Array = NDArray[np.float64]
 
@@ -33,14 +33,14 @@ class BondedArea:
         whole: The area [mm2; mm in plane strain].
     """
 
-    def __init__(self, quadrature: PairQuadrature):
+    def __init__(self, quadrature: PairPoints):
         self._surfaces = quadrature.facets.surfaces
         self._areas, self._moments = self._covered(quadrature)
         bonds = self._surfaces.law.has_bond
         self._areas, self._moments = bonds * self._areas, bonds * self._moments
         self.whole = float(self._areas.sum())
 
-    def _covered(self, quadrature: PairQuadrature) -> tuple[Array, Array]:
+    def _covered(self, quadrature: PairPoints) -> tuple[Array, Array]:
         """Area that pairs cover (n,), and the integral of X (n, d), by facets of side 1."""
         first = quadrature.facets.segments.first[quadrature.facet]
         count, dX = len(self._surfaces.sides[0].facets), quadrature.weights
@@ -48,7 +48,7 @@ class BondedArea:
         sums = [np.bincount(first, dX * x, minlength=count) for x in (1.0, *X.T)]
         return sums[0], np.transpose(sums[1:])
 
-    def parted(self, quadrature: PairQuadrature, u: fem.Function) -> InterfaceState:
+    def parted(self, quadrature: PairPoints, u: fem.Function) -> InterfaceState:
         """One row for every facet a part of which has lost its partner, in the middle of that part.
 
         Args:

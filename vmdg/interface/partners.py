@@ -32,7 +32,7 @@ from ..base.kernels import call, compile_source
 from ..domain.materials import Bodies
 from ..domain.shapes import derivatives_in_cells, reference_facets
 from ..forms.geometry import Axisymmetric
-from .pair_quadrature import PairQuadrature
+from ..points.pair_points import PairPoints
 from .stabilization import Stabilization
 from .tangent import PointTangent
 
@@ -56,7 +56,7 @@ class PartnerTangent:
     """
 
     def __init__(
-        self, quadrature: PairQuadrature, u: fem.Function, bodies: Bodies, tangent: PointTangent
+        self, quadrature: PairPoints, u: fem.Function, bodies: Bodies, tangent: PointTangent
     ):
         self._quadrature, self._u, self._bodies = quadrature, u, bodies
         self._tangent = tangent

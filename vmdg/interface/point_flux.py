@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from ..base.arrays import joined_axes
 from ..domain.materials import Bodies
 from ..domain.shapes import ShapeGradients
+from ..points.facets import InterfaceFacets
+from ..points.jets import FacetJets, Field
 from .active import ActiveInterface
-from .facets import InterfaceFacets
 from .frame import TurningTangent
-from .jets import FacetJets, Field
 
 Array = NDArray[np.float64]
 

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from ..domain.materials import Bodies
 from ..forms import kinematics
-from .points import PointValues
-from .quadrature import InterfaceQuadrature, SideEvaluators
+from ..points.points import Points, SideEvaluators
 from .stabilization import Stabilization
+from .values import PointValues
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class PointResidual:
 
     def __init__(
         self,
-        quadrature: InterfaceQuadrature,
+        quadrature: Points,
         u: fem.Function,
         bodies: Bodies,
         jump: bool = False,

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from ..domain.materials import Bodies
 from ..laws import Law, Update
+from ..points.interface import Interface
+from ..points.points import Points
 from .frame import Frame, TurningTangent, cross_matrix, turns
 from .history import PointHistory
-from .interface import Interface
-from .points import PointValues
-from .quadrature import InterfaceQuadrature
 from .stabilization import Stabilization
+from .values import PointValues
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class ReturnMap:
     def __init__(
         self,
         interface: Interface,
-        quadrature: InterfaceQuadrature,
+        quadrature: Points,
         u: fem.Function,
         bodies: Bodies,
         fluid: fem.Function | None = None,

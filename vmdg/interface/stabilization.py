@@ -17,10 +17,10 @@ from ..base.quadrature import bubble_degree
 from ..base.timers import timer
 from ..domain.materials import Bodies
 from ..forms import bubbles
+from ..points.interface import AUTO, Interface, StabilizationContext
+from ..points.points import Points
 from .coercivity import Coercivity, margin
 from .frame import turns
-from .interface import AUTO, Interface, StabilizationContext
-from .quadrature import InterfaceQuadrature
 
 #: Least r / H of "auto": a return map, dgamma = f / (r - H), magnifies its trial by at most 2.
 GOOD_RATIO = 2.0
@@ -165,9 +165,7 @@ class Stabilizer:
         margin: alpha of :mod:`vmdg.interface.coercivity`.
     """
 
-    def __init__(
-        self, interface: Interface, quadrature: InterfaceQuadrature, u: fem.Function, bodies: Bodies
-    ):
+    def __init__(self, interface: Interface, quadrature: Points, u: fem.Function, bodies: Bodies):
         self.interface = interface
         self.facets = facets = quadrature.facets
         self.stretch = quadrature.stretch

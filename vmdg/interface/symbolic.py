@@ -25,8 +25,8 @@ from ..domain.materials import Bodies
 from ..domain.shapes import GeometryMap
 from ..forms import residual
 from ..forms.geometry import GeneralizedPlane
+from ..points.facets import InterfaceFacets
 from .active import ActiveInterface
-from .facets import InterfaceFacets
 
 Array = NDArray[np.float64]
 

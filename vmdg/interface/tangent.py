@@ -21,12 +21,12 @@ from ..base.kernels import call, compile_source
 from ..domain.materials import Bodies
 from ..forms import kinematics
 from ..forms.kinematics import Body
+from ..points.jets import FacetJets
+from ..points.points import Points
 from .frame import TurningTangent
-from .jets import FacetJets
 from .point_residual import adjoint_directions
-from .points import PointValues
-from .quadrature import InterfaceQuadrature
 from .stabilization import Stabilization
+from .values import PointValues
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class PointTangent:
 
     def __init__(
         self,
-        quadrature: InterfaceQuadrature,
+        quadrature: Points,
         u: fem.Function,
         bodies: Bodies,
         *,

@@ -10,7 +10,7 @@ from ..assembly.dirichlet import AXES
 from ..assembly.means import MeanSpace, lattice_of
 from ..base.parallel import global_sum
 from ..domain.lattice import Lattice
-from ..interface.interface import interface_names
+from ..points.interface import interface_names
 from ..problem.problem import Problem
 from .values import traction_integrals
 

@@ -11,8 +11,8 @@ from scipy.integrate import trapezoid
 from ..assembly.surface import BROKEN
 from ..base.parallel import global_sum
 from ..forms.geometry import Axisymmetric
-from ..interface.interface import Which, label_of, number_of
-from ..interface.points import InterfaceState
+from ..interface.values import InterfaceState
+from ..points.interface import Which, label_of, number_of
 from ..problem.problem import Problem
 
 

@@ -21,7 +21,7 @@ from ..base.claims import Claim
 from ..base.disk import put_aside
 from ..base.parallel import global_sum
 from ..base.words import checked_path
-from ..interface.interface import Which, interface_names, number_of
+from ..points.interface import Which, interface_names, number_of
 from ..problem.problem import Problem
 from .cell import whole_displacement
 from .corners import corners_of_local, positions_and_displacements

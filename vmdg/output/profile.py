@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from ..base.graph import components
-from ..interface.interface import Which, number_of
+from ..points.interface import Which, number_of
 from ..problem.problem import Problem
 from .corners import corners_of_local, positions_and_displacements
 from .values import Quantity, values_at_points

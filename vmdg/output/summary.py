@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.parallel import global_max, global_sum
-from ..interface.interface import Which
+from ..points.interface import Which
 from ..problem.problem import Problem
 from .values import Quantity, values_at_points
 

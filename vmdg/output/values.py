@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.agreement import together
-from ..interface.interface import Which
-from ..interface.points import InterfaceState
+from ..interface.values import InterfaceState
+from ..points.interface import Which
 from ..problem.problem import Problem
 
 #: A scalar of :func:`scalar` by name, or a function of a state with one value per point.

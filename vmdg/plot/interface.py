@@ -12,7 +12,6 @@ from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.parallel import global_box
-from ..interface.interface import Which, number_of
 from ..laws import Mode
 from ..output.corners import corners_of_local, positions_and_displacements
 from ..output.profile import profile
@@ -24,6 +23,7 @@ from ..output.values import (
     open_facets,
     values_at_points,
 )
+from ..points.interface import Which, number_of
 from ..problem.problem import Problem
 from .stress import Limits, add_colorbar, axis_names, on_first_rank
 

@@ -29,10 +29,10 @@ from ..domain.materials import Bodies, cell_values
 from ..domain.tags import Group
 from ..domain.topology import cells_inside, facet_cells
 from ..forms.materials import Material
-from ..interface.facets import InterfaceFacets
-from ..interface.interface import Interface, interface_names
-from ..interface.pairing import NONMATCHING, PairedFacets
 from ..materials.point import PointMaterial
+from ..points.facets import InterfaceFacets
+from ..points.interface import Interface, interface_names
+from ..points.pairing import NONMATCHING, PairedFacets
 
 SYMBOLIC = "symbolic"
 RESIDUALS = SYMBOLIC, "points"

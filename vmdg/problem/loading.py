@@ -33,7 +33,7 @@ from ..domain.tags import Group, group_tag
 from ..domain.topology import Locator, facet_cells, refuse_facets
 from ..forms.geometry import Axisymmetric, GeneralizedPlane
 from ..interface.activation import Activation
-from ..interface.interface import Interface, number_of
+from ..points.interface import Interface, number_of
 from .arguments import check_condition, check_rigid_face
 from .eigenstrain import refusal
 

@@ -35,8 +35,10 @@ from ..domain.topology import Locator, facet_cells, tags_of_cells
 from ..forms.materials import Material
 from ..interface.activation import Activation
 from ..interface.active import ActiveInterface, fine_scales
-from ..interface.facets import check_ghosts
-from ..interface.interface import (
+from ..interface.stabilization import Stabilization
+from ..interface.values import InterfaceState
+from ..points.facets import check_ghosts
+from ..points.interface import (
     Interface,
     InterfaceList,
     Which,
@@ -44,9 +46,7 @@ from ..interface.interface import (
     label_of,
     number_of,
 )
-from ..interface.pairing import place
-from ..interface.points import InterfaceState
-from ..interface.stabilization import Stabilization
+from ..points.pairing import place
 from .arguments import (
     GENERALIZED,
     SYMBOLIC,

@@ -44,8 +44,8 @@ from ..domain.moduli import RegionExpressions
 from ..domain.shapes import GeometryMap, determinants
 from ..forms import kinematics
 from ..forms.kinematics import Body
-from ..interface.facets import InterfaceFacets
 from ..laws.base import separation
+from ..points.facets import InterfaceFacets
 from .problem import Problem
 
 Array = NDArray[np.float64]

@@ -30,9 +30,9 @@ from ..base.parallel import global_any, global_sum
 from ..base.timers import timer
 from ..interface.active import ActiveInterface, lets_go
 from ..interface.history import InterfaceSnapshot, PointHistory
-from ..interface.points import PointValues
 from ..interface.return_map import Trial
 from ..interface.stabilization import Stabilization
+from ..interface.values import PointValues
 from ..linear.system import System
 from ..problem.problem import Problem
 from ..problem.states import Rate, Rates, Works

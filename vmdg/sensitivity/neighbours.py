@@ -19,9 +19,9 @@ from ..base.parallel import global_max
 from ..base.units import power_of_two
 from ..domain.topology import box_sides
 from ..interface.history import PointHistory
-from ..interface.points import PointValues
 from ..interface.return_map import Trial
 from ..interface.stabilization import Stabilization
+from ..interface.values import PointValues
 from ..problem.problem import Problem
 from ..problem.states import Rate
 from .parameters import Parameter

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from ..base.parallel import global_max
 from ..base.words import near
-from ..interface.interface import interface_names
 from ..laws import Law
+from ..points.interface import interface_names
 from ..problem.loading import groups_of
 from ..problem.problem import Problem
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..interface.active import ActiveInterface
-from ..interface.points import PointValues
 from ..interface.return_map import Trial, evaluate
+from ..interface.values import PointValues
 from ..laws import Law, Update
 from ..laws.base import VARYING, parameter_names
 from .records import CHANGE, NEAR, combined, difference, plus, rate_of, shifted

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import vmdg
 from vmdg import compat
 from vmdg.forms import bubbles
-from vmdg.interface.interface import StabilizationContext
+from vmdg.points.interface import StabilizationContext
 
 FACTOR = 4.0
 

@@ -31,8 +31,8 @@ from vmdg import compat
 from vmdg.base.kernels import compile_expression, compile_form
 from vmdg.base.parallel import global_sum
 from vmdg.domain.topology import facet_cells, tags_of_cells
-from vmdg.interface.quadrature import InterfaceQuadrature
 from vmdg.meshes import TaggedMesh, blocks
+from vmdg.points.points import Points
 
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 SOLUTIONS: dict[str, Callable[..., Exact]] = {"sheared": sheared, "bent": bent, "kinked": kinked}
@@ -253,7 +253,7 @@ def field_errors(u_h: fem.Function, tagged: TaggedMesh, exact: Exact) -> tuple[f
     return norm(lambda v: v), norm(ufl.grad)
 
 
-def _at_points(quadrature: InterfaceQuadrature, expression: Expr) -> NDArray[np.float64]:
+def _at_points(quadrature: Points, expression: Expr) -> NDArray[np.float64]:
     """A vector of side 1, of x and N, at the points of an interface (nq, d)."""
     mesh, facets = quadrature.mesh, quadrature.facets
     d, points = mesh.geometry.dim, quadrature.points

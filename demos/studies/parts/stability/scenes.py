@@ -26,8 +26,8 @@ import vmdg
 from parts.coercivity.cells import grid
 from vmdg.assembly.values import Value
 from vmdg.domain.topology import facet_cells
-from vmdg.interface.interface import StabilizationRule
 from vmdg.meshes.partition import cell_partitioner
+from vmdg.points.interface import StabilizationRule
 
 if TYPE_CHECKING:
     from parts.stability.checks import Run

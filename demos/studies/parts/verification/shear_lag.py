@@ -17,7 +17,7 @@ from parts.pushouts import (
 )
 from parts.scenes import pushout
 from parts.verification.checks import Check, compare, describe
-from vmdg.interface.points import InterfaceState
+from vmdg.interface.values import InterfaceState
 from vmdg.meshes import pushout_section
 from vmdg.meshes.pushout import FIBRE, FIBRE_TOP, MATRIX, SUPPORT
 

@@ -49,7 +49,7 @@ SideEvaluators = tuple[Evaluator, Evaluator]
 SideExpression = Callable[[Body, Expr, Expr, int], Expr]
 
 
-class InterfaceQuadrature:
+class Points:
     """The points of an interface, each with a place in the cells of both sides.
 
     All arrays have one row per point on the facets this rank owns, so history needs no
@@ -252,7 +252,7 @@ class InterfaceQuadrature:
         return _bubble_factors(self.mesh, self.geometry, self.degree, cells, local)
 
 
-class FacetQuadrature(InterfaceQuadrature):
+class FacetPoints(Points):
     """The quadrature points of facets between cells that match.
 
     Args:
@@ -310,7 +310,7 @@ class _PointExpressions:
 
     def __init__(
         self,
-        quadrature: InterfaceQuadrature,
+        quadrature: Points,
         u: fem.Function,
         bodies: Bodies,
         a: int,

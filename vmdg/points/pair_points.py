@@ -16,7 +16,7 @@ from ..domain.shapes import determinants
 from ..forms.geometry import CARTESIAN, Geometry
 from .facet_places import FacetPlaces, FacetPolynomials
 from .pairing import PairedFacets
-from .quadrature import InterfaceQuadrature
+from .points import Points
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Shifts(NamedTuple):
     area_slope: Array
 
 
-class PairQuadrature(InterfaceQuadrature):
+class PairPoints(Points):
     """The segments of an interface and their quadrature points.
 
     Point p of side 1 and its partner on side 2 have one projection into the plane of the segment,

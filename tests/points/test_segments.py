@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from basix import CellType
 
-from vmdg.interface.pair_quadrature import rule_with_corners
-from vmdg.interface.segments import FlatFacets, clipped, cut, inside, passed
+from vmdg.points.pair_points import rule_with_corners
+from vmdg.points.segments import FlatFacets, clipped, cut, inside, passed
 
 RATIOS = [(3, 4), (7, 5), (4, 13), (2, 20)]
 
