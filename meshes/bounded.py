@@ -29,7 +29,7 @@ gmsh.write(sys.argv[2])
 def alone(path: Path) -> Iterator[Path]:
     """A copy of a file in an empty folder that only this user can write to.
 
-    gmsh executes the files NAME.opt, NAME.pos, ... beside the one that it opens, which may contain
+    gmsh executes the files NAME.opt, NAME.pos, ... next to the one that it opens, which may contain
     commands. A copy does not change between the check of its first bytes and its reading.
     """
     with TemporaryDirectory(prefix="vmdg-") as folder:
@@ -39,7 +39,7 @@ def alone(path: Path) -> Iterator[Path]:
 
 
 def converted(path: Path) -> Path:
-    """A universal file as a .msh beside it.
+    """A universal file as a .msh next to it.
 
     gmsh does it in a process of its own, which a damaged file of this format would kill.
 

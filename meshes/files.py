@@ -344,7 +344,7 @@ def _physical_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
     """Dimension, tag and name of physical groups as they are written.
 
     Raises:
-        ValueError: a dimension is none; gmsh would write past the end of an array.
+        ValueError: a dimension does not exist; gmsh would write past the end of an array.
     """
     content.seek(max(content.find(b"$PhysicalNames"), 0))
     if not content.readline().startswith(b"$PhysicalNames"):

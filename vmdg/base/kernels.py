@@ -300,8 +300,8 @@ def _compiled(
     FFCx claims a kernel by its C file and marks it when it is ready. A process killed in between
     leaves its claim behind, and later processes would wait for the mark until they time out. So one
     process at a time uses a folder: the first rank of ``comm`` holds a lock, which ends with the
-    process. It knows that claims without a mark are stale, and that nobody else is writing. The
-    ranks that it waits for wait for no lock: they have come here too. Processes that compile
+    process. It knows that claims without a mark are stale, and that no other process is writing.
+    The ranks that it waits for wait for no lock: they have come here too. Processes that compile
     without the lock do not interfere: the kernels of vmdg have a subfolder of their own in
     DOLFINx's cache, unless ``options`` name a folder.
 
@@ -376,12 +376,12 @@ def _check_kernels(folder: Path, locked: bool) -> None:
     """Check who can write kernels, whose code will run, and remove what is not whole; if files were
     added since the last check.
 
-    Kernels of this user and of root are loaded, in folders that nobody else can write to. Loading a
-    truncated library would kill the process.
+    Kernels of this user and of root are loaded, in folders that no other user can write to. Loading
+    a truncated library would kill the process.
 
     Args:
         folder: The folder.
-        locked: Whether it is locked, so that nobody is writing there.
+        locked: Whether it is locked, so that no process is writing there.
 
     Raises:
         PermissionError: another user made the folder or a kernel, or can write there.
@@ -420,8 +420,8 @@ def _open_to_others(path: Path) -> bool:
     if status.st_uid not in (me, 0) or (wide and status.st_uid != me):
         raise PermissionError(
             f"{path} belongs to user {status.st_uid} and has mode {status.st_mode & 0o777:o}: its "
-            f"code would run as user {me}. Kernels must belong to this user or to root, and nobody "
-            "else may write to them: set the variable XDG_CACHE_HOME to a folder of your own (see "
+            f"code would run as user {me}. Kernels must belong to this user or to root, and no "
+            "other user may write to them: set the variable XDG_CACHE_HOME to a folder of your own (see "
             "vmdg/CLUSTER.md), or remove them"
         )
     if wide and path.is_dir():

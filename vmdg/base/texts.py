@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-#: Arrays of more numbers, and whole numbers in arrays, may be those of this rank.
+#: Arrays of more numbers, and integers in arrays, may be those of this rank.
 _FEW = 9
 
 #: Objects within objects, beyond which only classes are compared.

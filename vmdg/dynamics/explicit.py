@@ -106,7 +106,7 @@ class ExplicitSteps:
 
     def advance(self, t: float) -> Iterator[Attempt]:
         """Steps to a time; an attempt that fails returns to the last state that was looked at, and
-        the next one has steps half as long, with their critical step anew; collective."""
+        the next one has steps half as long, with a new critical step; collective."""
         problem = self._problem
         good = problem.step.snapshot()
         if self._balance is None:

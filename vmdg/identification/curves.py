@@ -90,7 +90,13 @@ class Curve:
         return np.where(finite, self.x, self.x[finite].max(initial=0.0))
 
     def draw(self, axes: Any, fitted: Array, sigma: Any) -> None:
-        """Draw the measurement and a run on axes of matplotlib."""
+        """Draw the measurement and a run.
+
+        Args:
+            axes: Of matplotlib.
+            fitted: Values of the run (n,).
+            sigma: Standard deviations (n,), or one; None for none.
+        """
         bars = None if sigma is None else np.broadcast_to(sigma, self.y.shape)
         axes.errorbar(self.abscissae, self.y, bars, fmt="ko", ms=3, lw=0.8, label="measured")
         axes.plot(self.abscissae, fitted, "C0-", label="model")
@@ -98,11 +104,11 @@ class Curve:
         axes.legend()
 
     def at(self, i: int) -> str:
-        """Name of a measured value."""
+        """Name of value number i."""
         return f"the {self.column} at {self.along} {self.x[i]:.6g}"
 
     def without_nuisances(self, weighted: Array) -> Array:
-        """Weighted residuals (n,) or their derivatives (n, k), without what is not compared."""
+        """Residuals, ``weighted`` (n,), or derivatives (n, k), without what is not compared."""
         return weighted
 
     def of_run(self, history: History, names: Sequence[str]) -> Compared:

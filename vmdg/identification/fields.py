@@ -114,7 +114,7 @@ class Field:
         return {"column": self.column, "along": self.along, "points": sums.hexdigest()}
 
     def at(self, i: int) -> str:
-        """Name of a measured number."""
+        """Name of number i."""
         image, point, component = np.argwhere(self._seen)[i]
         return (
             f"the displacement {'xyz'[component]} of the {self.column} at "
@@ -149,7 +149,7 @@ class Field:
         return np.cumsum(self._seen.sum(axis=(1, 2)))[:-1]
 
     def without_nuisances(self, weighted: Array) -> Array:
-        """Weighted residuals (N,) or their derivatives (N, k), without motions of the camera."""
+        """Residuals, ``weighted`` (N,), or derivatives (N, k), without motions of the camera."""
         images = zip(np.split(weighted, self._ends), self._motions, strict=True)
         return np.concatenate([one - basis @ (basis.T @ one) for one, basis in images])
 
@@ -204,7 +204,13 @@ class Field:
         return sample
 
     def draw(self, axes: Any, fitted: Array, sigma: Any) -> None:
-        """Draw measured numbers over those of a run, without the motion of the camera."""
+        """Draw measured numbers over those of a run, without the motion of the camera.
+
+        Args:
+            axes: Of matplotlib.
+            fitted: Values of the run (n,).
+            sigma: Standard deviations (n,), or one; None for none.
+        """
         rest = self.sigma * self.without_nuisances((self.data - fitted) / self.sigma)
         axes.plot(self.abscissae, fitted + rest, "k.", ms=2, label="measured")
         axes.plot(self.abscissae, fitted, "C0_", ms=4, label="model")

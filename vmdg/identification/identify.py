@@ -99,7 +99,7 @@ def identify(
     if not isinstance(start, Mapping) or not start:
         raise ValueError(f"identify: start = {start!r} must be values by name, one or more")
     if not (isinstance(max_runs, int) and max_runs >= 1):
-        raise ValueError(f"identify: max_runs = {max_runs!r} must be a whole number >= 1")
+        raise ValueError(f"identify: max_runs = {max_runs!r} must be an integer >= 1")
     several = isinstance(make_problem, Mapping)
     makes: dict[str, Make] = {}
     makes |= make_problem if isinstance(make_problem, Mapping) else {"measured": make_problem}

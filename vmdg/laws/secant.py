@@ -377,7 +377,7 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
 
     rubbing = rub(shear, start, at.g)
     length2 = dot(rubbing.gap, rubbing.gap)
-    # The largest gap, held by friction, is as long as itself up to rounding only.
+    # The largest gap, at which friction sticks, is as long as itself up to rounding only.
     further = rubbing.slips & (length2 > (shear.scale * at.g) ** 2)
     growing = np.where(at.g > 0.0, further, dot(load, load) > shear.strength**2)
     growing &= at.damage < 1.0

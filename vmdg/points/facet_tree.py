@@ -100,7 +100,7 @@ class FacetTree:
     def opposite(
         self, others: Facets, ahead: Array, behind: Array, angle: float
     ) -> tuple[Numbers, Numbers]:
-        """Others and facets with opposite normals that are not beside each other seen along those
+        """Others and facets with opposite normals that are not next to each other seen along those
         of the others, by the others.
 
         Args:

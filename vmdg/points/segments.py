@@ -259,7 +259,7 @@ def inside(facets: FlatFacets, body: FlatFacets, paired: Numbers, deepest: float
     facets nearby has one either, else 0 (n,) [mm].
 
     A middle x is inside where the line back from it meets the surface from outside first. What
-    is there may be held by facets around: the side of a block is inside a floor that its bottom
+    is there may be stopped by facets around: the side of a block is inside a floor that its bottom
     presses. That is so where a facet with a partner is no farther away than twice D, the distance
     of the surface, or twice the deepest overlap of pairs.
 
@@ -288,7 +288,7 @@ def inside(facets: FlatFacets, body: FlatFacets, paired: Numbers, deepest: float
 def passed(facets: FlatFacets, body: FlatFacets, before: tuple[FlatFacets, FlatFacets]) -> bool:
     """Whether facets without a partner have gone through another body: the middle of one was in
     front of its surface, crossed a facet on the straight way, seen from this facet, and is behind
-    one, not beside.
+    one, not next to it.
 
     Args:
         facets: Facets that have no partner now.

@@ -102,7 +102,7 @@ class Motion:
         velocity: Of the displacement, in a periodic cell of w [mm/s].
         acceleration: Owned dofs [mm/s2].
         carried: Inertial and viscous forces of owned dofs at the end of the last step, which
-            supports carry beside the internal ones [N].
+            supports carry in addition to the internal ones [N].
         damping: Viscous forces.
         lumped: Lumped masses of owned dofs, from which the kinetic energy follows [N s2/mm]; None
             for the consistent mass matrix.

@@ -7,6 +7,7 @@ into a path that bonds make unstable, histories differ by the error of a step.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -41,7 +42,7 @@ SIDE = 0.03
 #: is small by chance.
 MESH = 0.05
 
-#: Energy of a body beside an open interface; of a row that is lost or gained, of all that is
+#: Energy of a body next to an open interface; of a row that is lost or gained, of all that is
 #: stored and spent; work of the reactions against the one reported.
 NEAR, IMBALANCE, WORK = 0.01, 0.02, 0.01
 
@@ -137,7 +138,9 @@ def fault(name: str, one: Told, other: Told, allowed: float) -> str:
     return f"{name}: forces differ by {force:.1e}, energies by {energy:.1e}, {rows}"
 
 
-def settles(scene: Scene, coarse: Told) -> tuple[str, float]:
+def settles(
+    scene: Scene, coarse: Told, told: Callable[[Scene, View], Told] = told
+) -> tuple[str, float]:
     """Whether forces settle as the mesh gets finer, and how much they change at first."""
     meshes, changes = [coarse], []
     levels = (2, 4, 8) if scene.d == 2 else (2, 3) if scene.degree == 1 else ()
@@ -153,7 +156,7 @@ def settles(scene: Scene, coarse: Told) -> tuple[str, float]:
 
 
 def open_faults(case: Case, run: Run) -> str:
-    """Whether a body behaves beside an open interface as if there were none."""
+    """Whether a body behaves next to an open interface as if there were none."""
     if any(np.abs(T).max() > 0 for record in run.records for T in record.traction if T.size):
         return ""
     free = execute(replace(case, bonds=()))
