@@ -421,8 +421,8 @@ def _open_to_others(path: Path) -> bool:
         raise PermissionError(
             f"{path} belongs to user {status.st_uid} and has mode {status.st_mode & 0o777:o}: its "
             f"code would run as user {me}. Kernels must belong to this user or to root, and no "
-            "other user may write to them: set the variable XDG_CACHE_HOME to a folder of your own (see "
-            "vmdg/CLUSTER.md), or remove them"
+            "other user may write to them: set the variable XDG_CACHE_HOME to a folder of your "
+            "own (see vmdg/CLUSTER.md), or remove them"
         )
     if wide and path.is_dir():
         path.chmod(0o700)

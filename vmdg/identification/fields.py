@@ -154,7 +154,12 @@ class Field:
         return np.concatenate([one - basis @ (basis.T @ one) for one, basis in images])
 
     def of_run(self, history: History, names: Sequence[str]) -> Compared:
-        """The displacements of a run at the loads of the images, see :meth:`.Curve.of_run`."""
+        """The displacements of a run at the loads of the images, see :meth:`.Curve.of_run`.
+
+        Args:
+            history: Rows of the run.
+            names: Parameters by which it was differentiated.
+        """
         found = along_path(history, self.along, self.column, self.loads, names)
         values = found.values.reshape(self.u.shape)[self._seen]
         slopes = found.slopes.reshape(*self.u.shape, len(names))[self._seen]
