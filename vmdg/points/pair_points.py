@@ -96,7 +96,8 @@ class PairPoints(Points):
 
     Point p of side 1 and its partner on side 2 have one projection into the plane of the segment,
     along the normal of the facet of side 1. Quadrilaterals may be triangles with a repeated corner.
-    Contact has points at the corners of segments, ties and bonds have those of Gauss.
+    Contact of bodies that slide has points at the corners of segments, all others have those of
+    Gauss.
 
     Args:
         mesh: The mesh.
@@ -117,7 +118,7 @@ class PairPoints(Points):
         kind = _KINDS[corners]
         self._order = [0, 1, 3, 2] if corners == 4 else list(range(corners))
         law = facets.surfaces.law
-        gauss = law.has_bond or not law.inelastic
+        gauss = law.has_bond or not law.inelastic or not facets.slides
         given = basix.make_quadrature(kind, degree)
         self._rule = Rule.of(kind, *given) if gauss else rule_with_corners(kind, degree)
         # Products of two displacements are integrated exactly.
