@@ -502,6 +502,12 @@ def take_in(active: ActiveInterface) -> None:
         active._leave_out(np.zeros(len(active.facets.facets), dtype=bool))
 
 
+def goes_on(active: ActiveInterface) -> None:
+    """No more facets are left out, also where bodies were undeformed when tau_s was set: without an
+    iteration in which forces balance, the energy would jump."""
+    active._at_rest = False
+
+
 def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:
     """Fine-scale displacement (24) of sides 1 and 2 at the points (nq, 2, d) [mm].
 

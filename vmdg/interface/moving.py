@@ -333,9 +333,19 @@ class MovingInterface(ActiveInterface):
     def _open_gaps(self, gap: Array, rows: NDArray[np.bool_]) -> None:
         super()._open_gaps(gap, rows)
         known = self._committed
-        if known is not None and np.array_equal(known.u, self._u.x.array):
-            elastic = np.where(rows[:, None], 0.0, known.elastic)
-            self._committed = replace(known, elastic=elastic, history=self.history)
+        if known is None or not np.array_equal(known.u, self._u.x.array):
+            return
+        places, history = self._places(), self.history
+        if not np.array_equal(places, known.places):  # a bond was released
+            tree = scipy.spatial.cKDTree(places)
+            nearest, same = _nearest(tree, self._first(), known.places, known.rows)
+            rows = same & rows[nearest]
+            at = nearest[rows]
+            opened = known.history.gap.copy()
+            opened[rows] = turned(gap[at], self.quadrature.normal[at], known.normal[rows])
+            history = replace(known.history, gap=opened)
+        elastic = np.where(rows[:, None], 0.0, known.elastic)
+        self._committed = replace(known, elastic=elastic, history=history)
 
     # What points carry
 
