@@ -30,7 +30,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 from ufl.algorithms import extract_coefficients
-from ufl.algorithms.analysis import extract_constants
+from ufl.algorithms.analysis import extract_constants, has_type
 from ufl.core.expr import Expr
 from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
@@ -43,7 +43,7 @@ from .timers import timer
 T = TypeVar("T")
 
 #: C function of points.c.
-_EVALUATE = "void evaluate(long" + 5 * ", void *" + ");"
+_EVALUATE = "void evaluate(long" + 6 * ", void *" + ");"
 
 # gcc's variable tracking under Python's own -g dominates the compile time of large kernels, and
 # the default register allocator is slow on the straight-line code of the interface.
@@ -232,7 +232,7 @@ class PointKernel:
     """An expression of fields with one value at every point, evaluated point by point.
 
     Args:
-        expression: A vector; collective.
+        expression: A vector, on intervals, one for each point; collective.
         comm: Communicator of the mesh.
         name: For :data:`requested`.
 
@@ -246,19 +246,28 @@ class PointKernel:
         order, fields = code.original_coefficient_positions, extract_coefficients(given)
         self.fields = [fields[order[i]] for i in range(code.num_coefficients)]
         self._constants, self._size = extract_constants(given), expression.ufl_shape[0]
+        self._placed = has_type(given, ufl.SpatialCoordinate)
         address = cffi.FFI().cast("uintptr_t", code.tabulate_tensor_float64)
         self._address = np.array([int(address)], dtype=np.uintp)
         source, declaration = Path(__file__).with_name("points.c"), _EVALUATE
         self._module = compile_source(source, declaration, {}, comm, "points")
 
-    def __call__(self, rows: NDArray[np.integer] | slice) -> NDArray[np.float64]:
-        """Values at some points (n, components), of the present values of the fields."""
+    def __call__(
+        self, rows: NDArray[np.integer] | slice, X: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Values at some points (n, components), of the present values of the fields.
+
+        Args:
+            rows: The points.
+            X: Positions of all points (nq, 3).
+        """
         values = [f.x.array.reshape(-1, f.function_space.dofmap.index_map_bs) for f in self.fields]
         count = rows.stop if isinstance(rows, slice) else len(rows)
         w = np.concatenate([np.zeros((count, 0)), *(array[rows] for array in values)], axis=1)
         c = np.concatenate([np.zeros(0), *(np.ravel(one.value) for one in self._constants)])
         result, sizes = np.zeros((len(w), self._size)), np.array([w.shape[1], self._size])
-        call(self._module, "evaluate", w, sizes, c, self._address, result)
+        nodes = np.repeat(X[rows], 2, axis=0) if self._placed else None
+        call(self._module, "evaluate", w, sizes, c, nodes, self._address, result)
         return result
 
 

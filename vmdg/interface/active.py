@@ -41,7 +41,7 @@ def _quadrature(mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geom
 class ActiveInterface:
     """An interface with its open facets and the state of their points.
 
-    Open points without a bond, T = 0, leave -|{P.N}|^2/(2r) of (30): zero for the solution, but for
+    Open points that never had a bond, T = 0, leave -|{P.N}|^2/(2r) of (30): zero for the solution, but for
     its approximation the body would be softer near another one that it does not touch. The facets
     where all points are so at the start of a step, or in an iteration of a step from rest, are left
     out: with zero flux weights zeta = g makes T = s = 0, and no term remains. A facet is taken in,
@@ -180,12 +180,12 @@ class ActiveInterface:
         return np.arange(len(self.facets.facets))
 
     def _idle(self) -> NDArray[np.bool_]:
-        """Facets whose points all have neither a bond nor a traction at the start of the step."""
-        points = ~self.history.traction.any(axis=1)
-        if self.law.has_bond:
-            points &= self.history.softening >= self.law.strength
+        """Facets without a traction at the start of the step that never had a bond: of a law
+        without one, or broken from the start where bodies do not slide."""
         facets = np.ones(len(self.facets.facets), dtype=bool)
-        facets[self.quadrature.facet[~points]] = False
+        if self.law.has_bond:
+            facets &= not self.facets.slides and self.facets.damage == 1.0
+        facets[self.quadrature.facet[self.history.traction.any(axis=1)]] = False
         return facets
 
     def _widths(self, trial: Trial) -> NDArray[np.float64]:

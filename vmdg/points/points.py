@@ -12,8 +12,10 @@ import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Mesh, create_interval
+from dolfinx.mesh import Mesh, create_mesh
 from numpy.typing import NDArray
+from ufl.algorithms import extract_coefficients
+from ufl.algorithms.analysis import extract_constants
 from ufl.constantvalue import Zero
 from ufl.core.expr import Expr
 
@@ -113,7 +115,7 @@ class Points:
         self.taken = object()  # another one for other points
         if room is not None:
             # One cell for every point: kernels are evaluated there with F and N as coefficients.
-            self._cells_of_points = create_interval(MPI.COMM_SELF, max(room, 1), [0.0, 1.0])
+            self._cells_of_points = _intervals(max(room, 1), self.d)
             n, d = self.geometry.size(self.d), self.d
             self.F, self.N = ([fem.Function(self.space(s)) for _ in "12"] for s in ((n, n), (d,)))
         for N, outward in zip(self.N, self.outward, strict=True):
@@ -324,6 +326,7 @@ class _PointExpressions:
         self._size = int(np.prod(shape, dtype=int))
         # Fields on the mesh, and their values at the points.
         self._fields: dict[fem.Function, fem.Function] = {}
+        self._constants: list[tuple[fem.Constant, fem.Constant]] = []
         self._parts: list[tuple[int, PointKernel]] = []
         self._taken: object = None
         F, N = quadrature.F[a], quadrature.N[a]
@@ -337,20 +340,34 @@ class _PointExpressions:
             if isinstance(value, Zero):
                 continue
             entries = [value[i] for i in np.ndindex(*shape)] if shape else [value]
-            vector = ufl.as_vector(entries)
+            vector = self._moved(ufl.as_vector(entries))
             kernel = PointKernel(vector, quadrature.mesh.comm, name)
             self._parts.append((int(number), kernel))
             used.update(kernel.fields)
         self._fields = {field: there for field, there in self._fields.items() if there in used}
 
+    def _there(self, field: fem.Function) -> fem.Function:
+        """The values of a field at the points."""
+        if field not in self._fields:
+            self._fields[field] = fem.Function(self._quadrature.space(field.ufl_shape))
+        return self._fields[field]
+
+    def _moved(self, vector: Expr) -> Expr:
+        """An expression with the Constants and Functions of a user's energy at the points."""
+        mesh, there = self._quadrature.mesh.ufl_domain(), self._quadrature.F[self._a]
+        given: dict[Expr, Expr] = {}
+        for constant in extract_constants(vector):
+            if constant.ufl_domain() == mesh:
+                given[constant] = fem.Constant(there.function_space.mesh, constant.value)
+        self._constants += given.items()
+        for field in extract_coefficients(vector):
+            if field.ufl_function_space().ufl_domain() == mesh:
+                given[field] = self._there(field)
+        return ufl.replace(vector, given) if given else vector
+
     def _at_points(self, body: Body) -> Body:
         """The body with its parameters, its eigenstrain and the stress on facets at the points."""
-
-        def there(field: fem.Function) -> fem.Function:
-            if field not in self._fields:
-                self._fields[field] = fem.Function(self._quadrature.space(field.ufl_shape))
-            return self._fields[field]
-
+        there = self._there
         parameters: Mapping[str, Expr] = {k: there(v) for k, v in body.parameters.items()}
         strain = None if body.eigenstrain is None else there(body.eigenstrain)
         points = body.points
@@ -366,11 +383,13 @@ class _PointExpressions:
         if values.shape[1] == 1:
             return values[:, 0]
         places = self._quadrature.places()[self._a]
-        assert self._points is not None
         if not len(cells):  # basix has no values at no points
             return values[:, 0]
-        basis = self._points.element.tabulate(0, places.reshape(len(cells), self._quadrature.d))[0]
-        return np.einsum("pm,pmi->pi", basis, values)
+        bodies = self._points
+        own = bodies and any(field is getattr(bodies.fields, name) for name in _FACET_FIELDS)
+        element = bodies.element if own else field.function_space.element.basix_element
+        basis = element.tabulate(0, places.reshape(len(cells), self._quadrature.d))[0]
+        return np.einsum("pm,pmi->pi", basis.reshape(len(cells), -1), values)
 
     def _take_points(self) -> None:
         """Take the present points."""
@@ -391,12 +410,25 @@ class _PointExpressions:
             F.x.array.reshape(-1, *F.ufl_shape)[: len(cells), -1, -1] = entry
         for field, function in self._fields.items() if len(cells) else ():
             quadrature.write(function, self._values(field, cells))
+        for given, there in self._constants:
+            there.value = given.value
+        X = quadrature.points
         if len(self._parts) == 1 and len(self._rows[0]) == len(cells):
-            return self._parts[0][1](slice(len(cells)))
+            return self._parts[0][1](slice(len(cells)), X)
         result = np.zeros((len(cells), self._size))
         for (_, kernel), rows in zip(self._parts, self._rows, strict=True):
-            result[rows] = kernel(rows)
+            result[rows] = kernel(rows, X)
         return result
+
+
+def _intervals(count: int, d: int) -> Mesh:
+    """A mesh of this process alone with one cell for every point, in the space of the bodies, so
+    that the energies of users find their dimension; the kernels are given the positions."""
+    cells = np.arange(2 * count, dtype=np.int64).reshape(count, 2)
+    x = np.zeros((2 * count, d))
+    x[:, 0] = np.arange(2 * count)
+    element = basix.ufl.element("Lagrange", "interval", 1, shape=(d,))
+    return create_mesh(MPI.COMM_SELF, cells, x=x, e=ufl.Mesh(element))
 
 
 def _last_entry(geometry: Geometry, cells: NDArray[np.int32]) -> Array | float:
