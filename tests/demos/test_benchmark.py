@@ -131,11 +131,13 @@ def test_a_step_costs_in_proportion(out):
 def test_cracked_plate(out):
     """P1 in 40 steps: peak within 1%, work within .5%, few corrections.
 
-    The slope differs from that of plain elements by what the crack tip is softer: on a mesh four
-    times as fine it is 3914.0 N/mm, .1% from this, where plain elements with their 3935.1 are .5%.
+    The slope is that of the same bond on a mesh whose crack are faces of its own, 3917.569 N/mm,
+    as the open crack is left out (its fluxes made it 3913.8). It differs from that of plain
+    elements, 3935.1, by what the crack tip is softer: on meshes twice and four times as fine it is
+    3913.8 and 3912.0, theirs 3922.5 and 3916.4.
     """
     run = peers.run(peers.P1)
-    assert (1 + run.slope_error) * peers.P1.slope == pytest.approx(3914.0, rel=1e-3)
+    assert (1 + run.slope_error) * peers.P1.slope == pytest.approx(3917.569, rel=1e-4)
     assert abs(run.peak_error) < 0.01
     assert abs(run.work_error) < 5e-3
     assert run.imbalance < 5e-3

@@ -60,7 +60,13 @@ def test_why_a_code_has_no_numbers():
 
 @one_rank
 def test_scenes_of_vmdg(out):
-    """Peak and work of the bond on coarse meshes, which equal steps pass over more than others."""
+    """Peak and work of the bond on coarse meshes, which equal steps pass over more than others.
+
+    The slopes are those of bonded plain elements on these meshes, 3987.3 and 2094.5 N/mm, but for
+    the tip of the crack, which is softer: plain elements in space, and in the plane the same bond
+    on a mesh whose crack are faces of its own give what is compared with. (Fluxes along the open
+    crack, which is left out now, made it 3922.3.)
+    """
     lines = others.main(coarse=True, repeats=1, alone=True, out=str(out))
     found = {(line.scene.name, line.kinematics, line.code): line.found for line in lines}
     assert len(found) == 8
@@ -72,8 +78,7 @@ def test_scenes_of_vmdg(out):
         assert np.trapezoid(force, u) == pytest.approx(scene.work, rel=1e-3 if own else 1e-2)
         assert u[-1] == pytest.approx(scene.end)
         assert run["solves"] >= 8 and run["seconds"] > 0
-        # Of bonded plain elements on these meshes, but for the tip of the crack.
-        assert run["slope"] == pytest.approx({"P1": 3922.5, "P2": 2094.4}[name], rel=1e-3)
+        assert run["slope"] == pytest.approx({"P1": 3933.906, "P2": 2094.474}[name], rel=1e-4)
     table = (out / "others.md").read_text().splitlines()
     assert table[0] == f"| {' | '.join(others.HEAD)} |"
     assert len(table) == 2 + len(lines)

@@ -20,6 +20,9 @@ LEVEL = 0.999
 #: The same where the noise itself is estimated from the residuals.
 LEVEL_OF_SHAPE = 0.99
 
+#: Residuals beyond the parameters without which their scatter says too little to name an outlier.
+FEW = 3
+
 #: Ratio of the largest values of a run and of a measurement that points to different units.
 UNLIKE = 100.0
 
@@ -114,7 +117,7 @@ def _shape(found: Identified, model: Model) -> list[str]:
                 "elsewhere (begin at another start). The errors are not valid; look at found.plot()"
             )
         worst = int(np.abs(away).argmax())
-        if found.freedom > 1 and abs(away[worst]) > t.ppf(
+        if found.freedom > FEW and abs(away[worst]) > t.ppf(
             1 - (1 - LEVEL_OF_SHAPE) / (2 * found.jacobian.shape[0]), found.freedom - 1
         ):
             said.append(
@@ -127,14 +130,20 @@ def _shape(found: Identified, model: Model) -> list[str]:
 
 def _studentized(found: Identified, model: Model) -> tuple[Array, Array]:
     """Residuals over their standard deviation with the scatter of all others, for a linear model
-    (n,), priors last, and where those of a measurement end."""
+    (n,), priors last, and where those of a measurement end.
+
+    At a kink of the model the fit ends with residuals that the derivatives of one side could still
+    lessen; without that part no scatter is below zero. It is at least the error of a fit.
+    """
     values = np.array([*found.estimate.values()])
     r = model.residuals(values)
-    leverage = np.sum(np.linalg.qr(found.jacobian)[0] ** 2, axis=1)
-    rest = np.maximum(1 - leverage, TOLERANCE)
+    Q = np.linalg.qr(found.jacobian)[0]
+    r = r - Q @ (Q.T @ r)
+    rest = np.maximum(1 - np.sum(Q**2, axis=1), TOLERANCE)
     others = np.maximum(r @ r - r**2 / rest, 0.0) / max(found.freedom - 1, 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        away = np.nan_to_num(r / np.sqrt(others * rest))
+    data = np.concatenate([one.data for _, one, _ in _items(found)]) / model.scale
+    error = TOLERANCE**2 * (data @ data) / max(len(data), 1)
+    away = r / np.sqrt(np.maximum(others, error) * rest)
     return away, np.cumsum([len(r) for _, _, r in _items(found)])
 
 

@@ -128,7 +128,7 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
     def mapped(rows: NDArray, load: Array, start: States, time: float | Array) -> Update:
         """Return maps of some points."""
         known = load, load, load, N[rows], r[rows], start.gap, start.softening
-        return map_back(law.at(rows), load, Trial(*known), time)
+        return map_back(law.at(rows), load, Trial(*known), time, keep=False)
 
     def at(rows: NDArray, share: Array) -> States:
         """States of some points at fractions of the step."""

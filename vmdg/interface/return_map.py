@@ -216,7 +216,7 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
     return mapped(trial.total) if trial.F is None else _in_frame(trial, mapped)
 
 
-def map_back(law: Law, load: Array, trial: Trial, dt: float) -> Update:
+def map_back(law: Law, load: Array, trial: Trial, dt: float, keep: bool = True) -> Update:
     """The return map of the law, with or without an overstress.
 
     T_tr - r dzeta = T(dzeta) + k dzeta is the law's equation with r + k instead of r. With k > H
@@ -227,10 +227,13 @@ def map_back(law: Law, load: Array, trial: Trial, dt: float) -> Update:
         load: T_tr (nq, d) [MPa].
         trial: r, N, zeta_n, Q_n, k and cycles.
         dt: Time step [s].
+        keep: A law that writes into what it is given writes into copies. False if nothing but this
+            call uses the arrays of a trial without k.
     """
     k = None if trial.cycles is not None else trial.overstress_modulus
-    # A law that writes into what it is given writes into copies.
-    known = (array.copy() for array in (load, trial.N, trial.gap, trial.softening))
+    known = load, trial.N, trial.gap, trial.softening
+    if keep:
+        known = tuple(array.copy() for array in known)
     cycles = () if trial.cycles is None else (trial.cycles,)
     update = law.return_map(*known, trial.r + (0.0 if k is None else k), dt, *cycles)
     _check_answer(law, load, update)
