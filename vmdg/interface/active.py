@@ -12,6 +12,7 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
 from ..base.agreement import together
+from ..base.parallel import global_any
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..forms.geometry import Geometry
@@ -141,9 +142,10 @@ class ActiveInterface:
 
     def _leave_out_open(self) -> float:
         """Leave out the facets that are open everywhere, with zeta = g; the resulting change of the
-        energy (30) at this rank's points [N mm; N in plane strain]."""
+        energy (30) at this rank's points [N mm; N in plane strain]; collective."""
         q, r, out = self.quadrature, self.stabilization.norm, self._idle()
-        self._at_rest, self._kept = not self._u.x.array.any(), self._labels[:0]
+        moved = global_any(q.mesh.comm, self._u.x.array.any())
+        self._at_rest, self._kept = not moved, self._labels[:0]
         if self._at_rest or not out.any():
             return 0.0
         trial = self.trial()
