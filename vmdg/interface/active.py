@@ -42,14 +42,14 @@ def _quadrature(mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geom
 class ActiveInterface:
     """An interface with its open facets and the state of their points.
 
-    Open points that never had a bond, T = 0, leave -|{P.N}|^2/(2r) of (30): zero for the solution, but for
-    its approximation the body would be softer near another one that it does not touch. The facets
-    where all points are so at the start of a step, or in an iteration of a step from rest, are left
-    out: with zero flux weights zeta = g makes T = s = 0, and no term remains. A facet is taken in,
-    with its weights, in the first iteration in which one of its points closes with them, and then
-    for the whole step: a decision by every state would alternate where -|{P.N}|^2/(2r) itself
-    closes the gap. As s = 0 at its start, both forms have one energy there, and the energy of the
-    step is that with the facet.
+    Open points that never had a bond, T = 0, leave -|{P.N}|^2/(2r) of (30): zero for the solution,
+    but for its approximation the body would be softer near another one that it does not touch. The
+    facets where all points are so at the start of a step, or in an iteration of a step from rest,
+    are left out: with zero flux weights zeta = g makes T = s = 0, and no term remains. A facet is
+    taken in, with its weights, in the first iteration in which one of its points closes with them,
+    and then for the whole step: a decision by every state would alternate where -|{P.N}|^2/(2r)
+    itself closes the gap. As s = 0 at its start, both forms have one energy there, and the energy
+    of the step is that with the facet.
 
     Args:
         interface: The user's description.
