@@ -21,6 +21,16 @@ settings.register_profile("vmdg", derandomize=True, deadline=None, database=None
 settings.load_profile("vmdg")
 
 
+#: Folders and files with the mark "ranks": what the number of ranks can change, one of each kind.
+RANKS = (
+    *("assembly/test_space.py", "assembly/test_loads.py", "base", "checkpoint"),
+    *("dynamics/test_checkpoints.py", "interface/test_interface.py", "interface/test_tangent.py"),
+    *("interface/test_symbolic.py", "interface/test_nonmatching_bodies.py", "linear"),
+    *("meshes/test_partition.py", "output", "points/test_gaps.py", "problem/test_periodic.py"),
+    *("problem/test_rigid_face.py", "problem/test_surface.py", "problem/test_supports.py"),
+    *("sensitivity", "solver/test_faults.py", "solver/test_path.py", "solver/test_path_laws.py"),
+)
+
 #: Seconds after which a test is taken for a deadlock, cold compilers included.
 PATIENCE = 900
 
@@ -90,6 +100,15 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         if "matplotlib.pyplot" in sys.modules:
             sys.modules["matplotlib.pyplot"].close("all")
         gc.collect()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what the number of ranks can change."""
+    here = Path(__file__).parent
+    chosen = [here / place for place in RANKS]
+    for item in items:
+        if any(item.path.is_relative_to(place) for place in chosen):
+            item.add_marker("ranks")
 
 
 def pytest_collection_finish() -> None:

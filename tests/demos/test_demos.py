@@ -79,7 +79,13 @@ def test_push_through(comm, out):
 
 
 def test_ironing(comm, out):
-    """Coarse forces of pressing and of drawing lie between the published ones; F is near mu N."""
+    """Coarse forces of pressing and of drawing lie between the published ones; F/N is near mu.
+
+    F/N rises and falls with every facet of the foundation, 0.3 mm, here from 0.316 to 0.346. Its
+    mean over the last three of them is 0.332, 0.327 and 0.323 with 40, 80 and 160 cells and 160
+    steps: mu and what the bulge ahead of the block takes. Without points at corners it is 0.321
+    and 0.323 with 40 and 80.
+    """
     import ironing
 
     history = ironing.main(cells=40, steps=40, end=1.2, out=str(out))
@@ -91,7 +97,9 @@ def test_ironing(comm, out):
         values = np.array(known)
         assert values[:, 0].min() < history[name][pressed] < values[:, 0].max()
         assert values[:, 1].min() < history[name][-1] < values[:, 1].max()
-    assert history["along"][-1] == pytest.approx(ironing.FRICTION * history["down"][-1], rel=0.15)
+    drawn = history["load"] > 1.1 + 1e-9
+    ratio = np.mean(history["along"][drawn] / history["down"][drawn])
+    assert ratio == pytest.approx(0.323, rel=0.06)
     assert (out / "ironing.png").stat().st_size > 10_000
 
 

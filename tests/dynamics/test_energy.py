@@ -60,10 +60,17 @@ def thrown(comm, steps, tilt=0.0, rho_inf=0.8, friction=0.0, scheme=None):
     [(1, 0.0, 0.8), (2, 0.0, 1.0), (4, 0.0, 0.8), (3, 10.0, 0.8), (7, 20.0, 0.5)],
 )
 def test_impact(comm, steps, tilt, rho_inf):
-    """A block leaves with at most the energy that it came with, and the scheme may owe 1 %."""
+    """A block leaves with at most the energy that it came with, and the scheme may owe 1 %.
+
+    A tilted one touches with its corner, at a distance d from its centre along the floor. Of the
+    speed v along which a rigid block of mass m comes the impact (1 + e) m v/(1 + 6 d^2) leaves the
+    corner e v: at 10 degrees an elastic one stops the centre, to 0.5 %, and turns the block.
+    """
     energy, up = thrown(comm, steps, tilt, rho_inf)
     assert energy.max() <= 1.01
-    assert 0 < up[-1] <= 1
+    turn = np.deg2rad(tilt)
+    d = (np.cos(turn) - np.sin(turn)) / 2 if tilt else 0.0
+    assert 0 < (1 + up[-1]) * (1 + 6 * d**2) - 1 <= 1
 
 
 def test_stiff_wave(comm):

@@ -12,6 +12,7 @@ from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 
 from ..base.agreement import together
+from ..base.parallel import global_any
 from ..base.quadrature import facet_degree
 from ..domain.materials import Bodies
 from ..forms.geometry import Geometry
@@ -41,14 +42,14 @@ def _quadrature(mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geom
 class ActiveInterface:
     """An interface with its open facets and the state of their points.
 
-    Open points that never had a bond, T = 0, leave -|{P.N}|^2/(2r) of (30): zero for the solution, but for
-    its approximation the body would be softer near another one that it does not touch. The facets
-    where all points are so at the start of a step, or in an iteration of a step from rest, are left
-    out: with zero flux weights zeta = g makes T = s = 0, and no term remains. A facet is taken in,
-    with its weights, in the first iteration in which one of its points closes with them, and then
-    for the whole step: a decision by every state would alternate where -|{P.N}|^2/(2r) itself
-    closes the gap. As s = 0 at its start, both forms have one energy there, and the energy of the
-    step is that with the facet.
+    Open points that never had a bond, T = 0, leave -|{P.N}|^2/(2r) of (30): zero for the solution,
+    but for its approximation the body would be softer near another one that it does not touch. The
+    facets where all points are so at the start of a step, or in an iteration of a step from rest,
+    are left out: with zero flux weights zeta = g makes T = s = 0, and no term remains. A facet is
+    taken in, with its weights, in the first iteration in which one of its points closes with them,
+    and then for the whole step: a decision by every state would alternate where -|{P.N}|^2/(2r)
+    itself closes the gap. As s = 0 at its start, both forms have one energy there, and the energy
+    of the step is that with the facet.
 
     Args:
         interface: The user's description.
@@ -141,9 +142,10 @@ class ActiveInterface:
 
     def _leave_out_open(self) -> float:
         """Leave out the facets that are open everywhere, with zeta = g; the resulting change of the
-        energy (30) at this rank's points [N mm; N in plane strain]."""
+        energy (30) at this rank's points [N mm; N in plane strain]; collective."""
         q, r, out = self.quadrature, self.stabilization.norm, self._idle()
-        self._at_rest, self._kept = not self._u.x.array.any(), self._labels[:0]
+        moved = global_any(q.mesh.comm, self._u.x.array.any())
+        self._at_rest, self._kept = not moved, self._labels[:0]
         if self._at_rest or not out.any():
             return 0.0
         trial = self.trial()
@@ -500,6 +502,12 @@ def take_in(active: ActiveInterface) -> None:
     """Take in all facets that were left out."""
     if lets_go(active):
         active._leave_out(np.zeros(len(active.facets.facets), dtype=bool))
+
+
+def goes_on(active: ActiveInterface) -> None:
+    """No more facets are left out, also where bodies were undeformed when tau_s was set: without an
+    iteration in which forces balance, the energy would jump."""
+    active._at_rest = False
 
 
 def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:

@@ -51,6 +51,9 @@ Array = NDArray[np.float64]
 #: nearest one of their own facet.
 _FAR = 1e3
 
+#: Distances below this, relative to the size of the surface, are rounding.
+_SAME = 1e-12
+
 
 @dataclass(frozen=True)
 class SurfaceStabilization(Stabilization):
@@ -333,9 +336,19 @@ class MovingInterface(ActiveInterface):
     def _open_gaps(self, gap: Array, rows: NDArray[np.bool_]) -> None:
         super()._open_gaps(gap, rows)
         known = self._committed
-        if known is not None and np.array_equal(known.u, self._u.x.array):
-            elastic = np.where(rows[:, None], 0.0, known.elastic)
-            self._committed = replace(known, elastic=elastic, history=self.history)
+        if known is None or not np.array_equal(known.u, self._u.x.array):
+            return
+        places, history = self._places(), self.history
+        if not np.array_equal(places, known.places):  # a bond was released
+            tree = scipy.spatial.cKDTree(places)
+            nearest, same = _nearest(tree, self._first(), known.places, known.rows)
+            rows = same & rows[nearest]
+            at = nearest[rows]
+            opened = known.history.gap.copy()
+            opened[rows] = turned(gap[at], self.quadrature.normal[at], known.normal[rows])
+            history = replace(known.history, gap=opened)
+        elastic = np.where(rows[:, None], 0.0, known.elastic)
+        self._committed = replace(known, elastic=elastic, history=history)
 
     # What points carry
 
@@ -512,6 +525,7 @@ class MovingInterface(ActiveInterface):
     def _remember(self, s: Array) -> None:
         """Keep the points with their history and s as those of the end of a step; collective."""
         q, T = self.quadrature, self.history.traction
+        s = _of_places(s, self._places(), self._size, q.weights * self.stabilization.norm[q.facet])
         X = tuple(gathered(self._comm, x) for x in self._both_places())
         everywhere = X, gathered(self._comm, q.normal), gathered(self._comm, T)
         given = self._u.x.array.copy(), self._places(), self._first(), q.normal, s, self.history
@@ -584,6 +598,27 @@ class MovingInterface(ActiveInterface):
         """The state of the same interface in another discretization."""
         assert isinstance(other, MovingInterface)
         self.return_to(other.snapshot())
+
+
+def _of_places(s: Array, places: Array, size: float, stiffness: Array) -> Array:
+    """s of points that share a corner of segments of one facet: their mean, with the same sum of
+    r s dA, as the nearest of them would be a matter of rounding (nq, d) [mm].
+
+    Args:
+        s: Of every point (nq, d) [mm].
+        places: The points, as in :meth:`MovingInterface._places`.
+        size: Of the surface [mm].
+        stiffness: r dA (nq,).
+    """
+    near = scipy.spatial.cKDTree(places).query_pairs(_SAME * size, output_type="ndarray")
+    if not len(near):
+        return s
+    graph = scipy.sparse.coo_array((np.ones(len(near)), near.T), shape=(len(s), len(s)))
+    place = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    whole = np.bincount(place, stiffness)[place]
+    share = np.divide(stiffness, whole, out=np.ones_like(whole), where=whole > 0)
+    mean = np.column_stack([np.bincount(place, share * column)[place] for column in s.T])
+    return np.where((np.bincount(place) > 1)[place, None], mean, s)
 
 
 def _nearest(

@@ -22,8 +22,9 @@ from .loading import Loading
 from .states import Energy, Pending, Snapshot, Works
 from .work import chord_integral, next_increment
 
-#: Fraction of a step for differences of the energy by the eigenstrains.
-SMALL = 1e-2
+#: Fraction of a step for differences of the energy by the eigenstrains, of third order: rounding of
+#: the energy, divided by it, is to stay below the error of Newton's method.
+SMALL = 0.1
 
 
 class WorkInMotion(NamedTuple):
@@ -423,11 +424,11 @@ class Ledger:
         if not loading.strained(now, t):
             return 0.0
         h, energies = SMALL * (t - now), []
-        for factor in (now + h, now + 2 * h, now):
+        for factor in (now + h, now + 2 * h, now + 3 * h, now):
             loading.strain(factor)
             energies.append(self.discretization.stored_energy().sum())
-        one, two, here = global_sum(self._comm, energies)
-        return float(4 * one - two - 3 * here) / (2 * h)
+        one, two, three, here = global_sum(self._comm, energies)
+        return float(18 * one - 9 * two + 2 * three - 11 * here) / (6 * h)
 
 
 def _joined(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from ..assembly.means import lattice_of
 from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
-from ..interface.active import ActiveInterface, damage_work
+from ..interface.active import ActiveInterface, damage_work, goes_on
 from ..interface.guess import (
     hold_points,
     hold_sliding_points,
@@ -144,6 +144,8 @@ class Step:
         """
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, False, 0.0)
+        for active in self.discretization.active.values():
+            goes_on(active)
         if self.discretization.slides:
             for active in self.discretization.active.values():
                 active.pair(release=True)
