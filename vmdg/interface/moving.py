@@ -7,7 +7,8 @@ what slides,
 
     zeta_T,n = [R^T.(x_2 - x_1)]_T(u_n) - s_n,    zeta_N,n >= 0,
 
-with s_n the elastic opening that the nearest point of the facet had at the end of the last step.
+with s_n the elastic opening that the nearest point of the facet had at the end of the last step;
+points at a common corner of segments have one.
 (Carrying zeta itself from point to point is a ratchet: a block without friction would lose half of
 its normal force within 1.2 of its lengths.) The tangent knows how pairs move. tau_s of a pair
 follows from its facets, for which it is derived once a step.
