@@ -26,7 +26,7 @@ from ..linear.system import AssembledSystem
 from ..problem.ledger import WorkInMotion
 from ..problem.motion import moving
 from ..problem.problem import Problem
-from ..problem.step import cause
+from ..problem.step import cause, forces_at_start
 from ..solver.attempt import Attempt
 from ..solver.limits import ROUNDING
 from ..solver.options import SolveOptions
@@ -157,7 +157,7 @@ class ImplicitSteps:
             step.begin(t, h)
         except ValueError as error:
             return Attempt(False, reason=str(error))
-        u0, R0 = step.start.u[:owned], step.forces_at_start()
+        u0, R0 = step.start.u[:owned], forces_at_start(step)
         self._dt, self._norms = h, []
         # a_1 = (u_1 - away)/(beta h^2), and the equation is divided by 1 - alpha_f.
         self._away = u0 + h * v0 + h**2 * (0.5 - beta) * a0

@@ -205,23 +205,6 @@ class Step:
         """
         return self.discretization.assemble_residual(dt, hold, self._loading.vector, anew)
 
-    def forces_at_start(self) -> NDArray[np.float64]:
-        """The residual at the start of the step, with the facets that it leaves out: with those of
-        the last step the mean of both ends would do work that no energy has; collective [N].
-
-        Bodies at points, whose stresses may depend on the time step, keep the forces that they had,
-        and surfaces that slide, whose friction is that of the pressures that they had.
-        """
-        now, count = self.discretization, self.discretization.owned
-        out = any(active.stabilization.left_out.any() for active in self._failing())
-        if now.bodies.points or now.slides or not global_any(self._comm, out):
-            return self.start.forces[:count]
-        t = self._loading.t
-        self._loading.move(self.start.t)
-        found = self.assemble_residual(hold=True)[:count].copy()
-        self._loading.move(t)
-        return found
-
     def hold(self, dt: float, anew: bool) -> None:
         """Assemble the residual of the predictor, with zeta at its converged value.
 
@@ -536,3 +519,21 @@ def cause(discretization: Discretization, reason: str) -> str:
     told = discretization.mesh.comm.allgather(bodies.lost) if bodies else []
     lost = next(filter(None, told), "")
     return f"MATERIAL_NOT_FINITE {lost}" if lost else reason
+
+
+def forces_at_start(step: Step) -> NDArray[np.float64]:
+    """The residual at the start of a step, with the facets that it leaves out: with those of the
+    last step the mean of both ends would do work that no energy has; collective [N].
+
+    Bodies at points, whose stresses may depend on the time step, keep the forces that they had, and
+    surfaces that slide, whose friction is that of the pressures that they had.
+    """
+    now, count = step.discretization, step.discretization.owned
+    out = any(active.stabilization.left_out.any() for active in step._failing())
+    if now.bodies.points or now.slides or not global_any(step._comm, out):
+        return step.start.forces[:count]
+    t = step._loading.t
+    step._loading.move(step.start.t)
+    found = step.assemble_residual(hold=True)[:count].copy()
+    step._loading.move(t)
+    return found
