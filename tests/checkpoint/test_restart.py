@@ -640,13 +640,13 @@ def test_two_runs_in_one_folder(comm, out):
     assert not list(out.rglob("*.lock"))
 
 
-def test_what_was_breaking_breaks_further(comm, tmp_path):
+def test_what_was_breaking_breaks_further(comm, out):
     """The first step of a resumed run knows which way the path goes: the gradient of the work."""
     loads = bar.LOADS[bar.LOADS < 0.05]
     problem, other = (bar.build(comm, 0.2) for _ in range(2))
     vmdg.solve(problem, loads)
-    vmdg.write_checkpoint(problem, tmp_path / "checkpoint")
-    vmdg.read_checkpoint(other, tmp_path / "checkpoint")
+    vmdg.write_checkpoint(problem, out / "checkpoint")
+    vmdg.read_checkpoint(other, out / "checkpoint")
     (one,), (two,) = (p.discretization.active.values() for p in (problem, other))
     assert (np.abs(one.work_gradient(1.0)).max(axis=1) > 0).all()
     assert np.array_equal(one.work_gradient(1.0), two.work_gradient(1.0))
