@@ -25,7 +25,8 @@ def test_measured_modes(comm, out):
         assert (out / "measured_modes.png").stat().st_size > 10_000
 
 
-@pytest.mark.filterwarnings("ignore:identify. the data do not determine")
+# A published curve of a real beam is not met to the noise, and the facets are coarse: said so.
+@pytest.mark.filterwarnings("ignore:identify")
 def test_bridged_beam(comm, out):
     """A published curve: with bridges of fibres it is closer, and E is that of the authors within
     5 %."""

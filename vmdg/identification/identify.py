@@ -26,9 +26,6 @@ Array = NDArray[np.float64]
 #: Standard error of a logarithm of which the data say nothing.
 UNKNOWN = 1e3
 
-#: Factor on a parameter for other starts.
-ASIDE = 3.0
-
 #: Smallest singular value of the derivatives, relative to the largest, where there is no noise.
 EXACT = 1e-12
 
@@ -119,7 +116,7 @@ def identify(
         for name, hint in model.suspects.items():
             if not model.jacobian(first)[:, list(start).index(name)].any():
                 raise ValueError(f"identify: no run changes with {name}{hint}")
-        solution = _searched(model, first, max_runs, known)
+        solution = model.fit(first, max_runs)
         return _result(solution, model, known)
 
 
@@ -130,29 +127,6 @@ def _numbers(measured: Any) -> Any:
     if isinstance(measured, list | tuple):
         return [_numbers(curve) for curve in measured]
     return {k: in_full(v) for k, v in getattr(measured, "__dict__", {}).items()}
-
-
-def _searched(model: Model, first: Array, max_runs: int, known: bool) -> Fit:
-    """Least squares from a start; where it ends on a plateau, or with more than the known noise,
-    again from the best of the values a factor of :data:`ASIDE` away in one parameter, as long as
-    that finds less."""
-    found = model.fit(first, max_runs)
-    while _beyond_noise(found, model, known) and found.status > 0:
-        nearby = [
-            np.clip(found.values * np.where(np.arange(len(first)) == i, factor, 1.0), *model.bounds)
-            for i in range(len(first))
-            for factor in (ASIDE, 1 / ASIDE)
-        ]
-        if len(model.runs) + len(nearby) >= max_runs:
-            break
-        costs = [float(r @ r) for r in map(model.residuals, nearby)]
-        if not np.isfinite(min(costs)):
-            break
-        next_one = model.fit(nearby[int(np.argmin(costs))], max_runs - len(model.runs))
-        if next_one.status < 0 or next_one.cost > (1 - TOLERANCE) * found.cost:
-            break
-        found = next_one
-    return found
 
 
 def _flat(found: Fit, model: Model) -> bool:
