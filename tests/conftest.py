@@ -28,7 +28,7 @@ RANKS = (
     *("interface/test_symbolic.py", "interface/test_nonmatching_bodies.py", "linear"),
     *("meshes/test_partition.py", "output", "points/test_gaps.py", "problem/test_periodic.py"),
     *("problem/test_rigid_face.py", "problem/test_surface.py", "problem/test_supports.py"),
-    *("sensitivity", "solver/test_faults.py", "solver/test_path.py", "solver/test_path_laws.py"),
+    "sensitivity",
 )
 
 #: Seconds after which a test is taken for a deadlock, cold compilers included.
