@@ -1,4 +1,4 @@
-"""Strength, gap and modulus from a force and images, at a coarse size."""
+"""Strength, gap and modulus from a force and images."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ def test_measured_images(comm, out):
     """The truth lies within three standard errors, which the images make smaller."""
     import measured_images as demo
 
-    found = demo.main(images=5, facet=1.0, out=str(out))
+    found = demo.main(out=str(out))
     alone, both = (found[name].relative_errors for name in ("force", "force and images"))
     for name, value in demo.TRUTH.items():
         estimate = found["force and images"].estimate[name]
