@@ -28,6 +28,7 @@ import dolfinx.jit
 import numpy as np
 import ufl
 from dolfinx import fem
+from ffcx.naming import compute_signature
 from numpy.typing import NDArray
 from ufl.algorithms import extract_coefficients
 from ufl.algorithms.analysis import extract_constants, has_type
@@ -37,7 +38,7 @@ from ufl.corealg.multifunction import MultiFunction
 from ufl.variable import Label
 
 from .. import compat
-from .parallel import raise_together
+from .parallel import global_any, raise_together
 from .timers import timer
 
 T = TypeVar("T")
@@ -115,6 +116,10 @@ class Kernel:
 #: All kernels that this process has requested, in order.
 requested: list[Kernel] = []
 
+#: What this process has loaded, by signatures of expressions or C files: code or module of cffi,
+#: module, and the source, if it was compiled. The code is the same for all meshes.
+_loaded: dict[str, tuple[Any, object, object]] = {}
+
 
 def _record(name: str, start: float, code: object) -> None:
     lines = _lines(code)
@@ -178,11 +183,21 @@ def compile_expression(
         compiled = _compiled(
             comm,
             options,
-            "expressions",
+            _expression_folder(_signature(numbered, points)),
             lambda ordered: fem.Expression(numbered, points, comm=comm, jit_options=ordered),
         )
     _record(name, start, compiled.code)
     return compiled
+
+
+def _signature(expression: Expr, points: NDArray[np.float64]) -> str:
+    """Name of an expression at points, without the running numbers of its fields."""
+    return compute_signature([(expression, points)], "")
+
+
+def _expression_folder(key: str) -> str:
+    """Folder of an expression, of which there are enough that no folder is long, see above."""
+    return f"expression_{key[:2]}"
 
 
 def compile_source(
@@ -200,18 +215,30 @@ def compile_source(
     Returns:
         A module of cffi, with ``lib`` and ``ffi``.
     """
-    start = perf_counter()
+
+    def compiled(options: dict) -> tuple[ModuleType, None, str | None]:
+        folder = options["cache_dir"]
+        return _source_module(comm, source.read_text(), declaration, dict(sizes), folder)
+
+    return _loaded_once(f"{source} {sizes}", comm, "sources", compiled, name)[0]
+
+
+def _loaded_once(
+    key: str,
+    comm: MPI.Comm,
+    folder_name: str,
+    compile_in: Callable[[dict], tuple[Any, object, object]],
+    name: str,
+) -> tuple[Any, object, object]:
+    """What ``compile_in`` of :func:`_compiled` returns, of this process if it has asked for it
+    before; collective."""
+    start, source = perf_counter(), None
     with timer("kernels"):
-        module, lines = _compiled(
-            comm,
-            JIT_OPTIONS,
-            "sources",
-            lambda ordered: _source_module(
-                comm, source.read_text(), declaration, dict(sizes), ordered["cache_dir"]
-            ),
-        )
-    requested.append(Kernel(name, perf_counter() - start, lines))
-    return module
+        if global_any(comm, key not in _loaded):
+            _loaded[key] = _compiled(comm, JIT_OPTIONS, folder_name, compile_in)
+            source = _loaded[key][2]
+    _record(name, start, source)
+    return _loaded[key]
 
 
 def call(module: ModuleType, name: str, *arrays: NDArray | None) -> None:
@@ -241,12 +268,19 @@ class PointKernel:
     """
 
     def __init__(self, expression: Expr, comm: MPI.Comm, name: str):
-        self._compiled = compile_expression(expression, np.array([[0.5]]), comm, name=name)
-        given, code = self._compiled.ufl_expression, self._compiled._ufcx_expression
-        order, fields = code.original_coefficient_positions, extract_coefficients(given)
+        numbered, point = map_expr_dag(_NumberLabels(), expression), np.array([[0.5]])
+        key = _signature(numbered, point)
+        code = _loaded_once(
+            key,
+            comm,
+            _expression_folder(key),
+            lambda ordered: dolfinx.jit.ffcx_jit(comm, (numbered, point), jit_options=ordered),
+            name,
+        )[0]
+        order, fields = code.original_coefficient_positions, extract_coefficients(numbered)
         self.fields = [fields[order[i]] for i in range(code.num_coefficients)]
-        self._constants, self._size = extract_constants(given), expression.ufl_shape[0]
-        self._placed = has_type(given, ufl.SpatialCoordinate)
+        self._constants, self._size = extract_constants(numbered), expression.ufl_shape[0]
+        self._placed = has_type(numbered, ufl.SpatialCoordinate)
         address = cffi.FFI().cast("uintptr_t", code.tabulate_tensor_float64)
         self._address = np.array([int(address)], dtype=np.uintp)
         source, declaration = Path(__file__).with_name("points.c"), _EVALUATE
@@ -274,15 +308,15 @@ class PointKernel:
 @dolfinx.jit.mpi_jit_decorator
 def _source_module(
     code: str, declaration: str, sizes: dict[str, int], folder: Path
-) -> tuple[ModuleType, int]:
-    """The module, and its lines of C; 0 where it was cached."""
+) -> tuple[ModuleType, None, str | None]:
+    """The module, and its source if it was not cached."""
     arguments = [*_PRODUCTS, *(f"-D{macro}={value}" for macro, value in sizes.items())]
     read = [code, _VECTORS.read_text(), declaration, arguments]
     key = hashlib.sha1(json.dumps(read).encode()).hexdigest()
-    name, lines = f"vmdg_{key}", 0
+    name, built = f"vmdg_{key}", None
     file = folder / (name + importlib.machinery.EXTENSION_SUFFIXES[0])
     if not file.exists():
-        builder, lines = cffi.FFI(), code.count("\n")
+        builder, built = cffi.FFI(), code
         builder.cdef(declaration)
         folders = [str(_VECTORS.parent)]
         builder.set_source(name, code, extra_compile_args=arguments, include_dirs=folders)
@@ -293,7 +327,7 @@ def _source_module(
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module, lines
+    return module, None, built
 
 
 def cache_folder(options: dict = JIT_OPTIONS) -> Path:

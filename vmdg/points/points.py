@@ -116,6 +116,7 @@ class Points:
         if room is not None:
             # One cell for every point: kernels are evaluated there with F and N as coefficients.
             self._cells_of_points = _intervals(max(room, 1), self.d)
+            self._spaces: dict[tuple[int, ...], fem.FunctionSpace] = {}
             n, d = self.geometry.size(self.d), self.d
             self.F, self.N = ([fem.Function(self.space(s)) for _ in "12"] for s in ((n, n), (d,)))
         for N, outward in zip(self.N, self.outward, strict=True):
@@ -131,7 +132,9 @@ class Points:
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
         """Space of values of the given shape at every point, (44)-(45); its dofs are numbered like
         the points."""
-        return fem.functionspace(self._cells_of_points, ("DG", 0, shape))
+        if shape not in self._spaces:
+            self._spaces[shape] = fem.functionspace(self._cells_of_points, ("DG", 0, shape))
+        return self._spaces[shape]
 
     @staticmethod
     def write(function: fem.Function, values: Array) -> None:
