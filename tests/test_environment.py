@@ -237,6 +237,34 @@ def test_list_of_demos():
     assert done.stdout.endswith(wrong.stderr.partition("\n")[2])
 
 
+@pytest.mark.parametrize(("answer", "agrees"), [("n", False), ("", True), ("yes", True)])
+def test_root_is_asked(machine, answer, agrees):
+    """Before the system is changed, at a terminal; --yes, CI and scripts go on."""
+    ask = "common.agree('installing x in this system')\nprint('goes on')"
+    assert "goes on" in machine.run(ask).stdout  # no terminal
+    at_terminal = f"""
+import pty
+ours, theirs = pty.openpty()
+os.dup2(theirs, 0)
+os.write(ours, {(answer + chr(10)).encode()!r})
+{ask}
+"""
+    done = machine.run(at_terminal, CI="", VMDG_YES="")
+    assert ("goes on" in done.stdout) == agrees
+    assert "installing x in this system" in done.stderr
+    assert "goes on" in machine.run(at_terminal, VMDG_YES="1").stdout
+
+
+def test_wheels_are_locked():
+    """Every package that is asked for has a version, and every version hashes."""
+    asked = re.sub("#.*", "", (SETUP / "wheels.in").read_text())
+    locked = (SETUP / "wheels.lock").read_text()
+    name, digest = r"^([\w-]+)==\S.*\\$", r"(?:\n    --hash=sha256:[0-9a-f]{64}(?: \\)?)+"
+    versions = re.findall(name, locked, re.MULTILINE)
+    assert {*re.findall(r"^[\w-]+", asked, re.MULTILINE)} <= {*versions}
+    assert re.findall(name + digest, locked, re.MULTILINE) == versions
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

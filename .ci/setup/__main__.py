@@ -11,18 +11,20 @@ import environment
 from common import MODULES, ROOT, TEST_MODULES, default, die, say
 
 TESTS_USAGE = """\
-usage: tests/run [-n RANKS | -j WORKERS] [--dolfinx latest] [pytest arguments...]
+usage: tests/run [--yes] [-n RANKS | -j WORKERS] [--dolfinx latest] [pytest arguments...]
 
+--yes              as root, install Debian packages without asking
 -n RANKS           run the suite on several MPI ranks
 -j WORKERS         share the serial suite between processes, default: one a core, at most 8; 1 for a debugger
 --dolfinx latest   use the newest DOLFINx (a second environment, Debian unstable)
 """  # noqa: E501
 
 DEMOS_USAGE = """\
-usage: demos/run [-n RANKS] [--dolfinx latest] NAME|FILE.py|-m MODULE [arguments...]
+usage: demos/run [--yes] [-n RANKS] [--dolfinx latest] NAME|FILE.py|-m MODULE [arguments...]
 
 NAME is an example or a study of the list below, FILE.py any script, MODULE an installed one; without any, the list is
 all that is printed. "-m vmdg info" lists what is installed, "-m vmdg doctor" checks that it works.
+--yes              as root, install Debian packages without asking
 -n RANKS           run on several MPI ranks
 --dolfinx latest   use the newest DOLFINx (a second environment, Debian unstable)
 """  # noqa: E501
@@ -31,6 +33,8 @@ all that is printed. "-m vmdg info" lists what is installed, "-m vmdg doctor" ch
 def leading_options(names: str, arguments: list[str], usage: str) -> tuple[dict, list[str]]:
     """Values of the leading options; what follows is for the script or for pytest."""
     values, rest = {"-n": "1", "--dolfinx": ""}, list(arguments)
+    if rest[:1] == ["--yes"]:
+        os.environ["VMDG_YES"], rest = "1", rest[1:]
     while rest and (option := re.fullmatch(rf"({names})(?:=|(?=\d)|$)(.*)", rest[0])):
         name, value = option.groups()
         if not value and len(rest) == 1:

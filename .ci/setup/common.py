@@ -35,6 +35,19 @@ def die(*lines: str) -> NoReturn:
     sys.exit(1)
 
 
+def agree(*lines: str) -> None:
+    """Messages on what root is about to install; the end if a user at a terminal says no.
+
+    With --yes, in continuous integration (CI) and without a terminal no question is asked.
+    """
+    say(*lines)
+    if os.environ.get("VMDG_YES") or os.environ.get("CI") or not sys.stdin.isatty():
+        return
+    print("vmdg: continue? [Y/n] ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in ("", "y", "yes"):
+        die("nothing was installed")
+
+
 def is_supported(version: str) -> bool:
     """Whether vmdg knows this version of DOLFINx."""
     return (0, 9) <= tuple(int(part) for part in version.split(".")[:2]) < (0, 12)

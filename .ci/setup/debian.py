@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import common
-from common import CACHE, die, logged, output, say
+from common import CACHE, agree, die, logged, output, say
 
 PACKAGES = (
     *("python3-dolfinx", "python3-gmsh", "python3-scipy", "python3-matplotlib", "python3-tqdm"),
@@ -59,7 +59,10 @@ def use_packages() -> bool:
     candidate = re.search(r"Candidate: (?:\d+:)?(\d+\.\d+)", policy)
     if not candidate or not common.is_supported(candidate[1]):
         return False
-    say("installing Debian's FEniCSx packages with apt-get, a few minutes")
+    agree(
+        "installing Debian's FEniCSx in this system with apt-get, a few minutes:",
+        " ".join(PACKAGES),
+    )
     start = time.monotonic()
     install(*PACKAGES)
     say(f"installed in {time.monotonic() - start:.0f} s")
@@ -94,7 +97,7 @@ def install_tools(is_built: bool) -> None:
     missing = [name for name, there in needs.items() if not there]
     names = " ".join(missing)
     if missing and CAN_APT:
-        say(f"installing {names} with apt-get")
+        agree(f"installing {names} in this system with apt-get")
         install(*missing)
     elif missing and shutil.which("apt-get"):
         say(f"DOLFINx 0.9 or newer was not found, and a private Debian tree needs: {names}")

@@ -1,4 +1,11 @@
-"""DOLFINx from the wheels of PyPI, in a private virtual environment in the user's cache folder."""
+"""DOLFINx from the wheels of PyPI, in a private virtual environment in the user's cache folder.
+
+What is asked for is in wheels.in; the versions that are installed, with the hashes of their files,
+are in wheels.lock, so that nothing else is accepted from the index. To renew it:
+
+    uv pip compile --python-version 3.12 --universal --generate-hashes --no-header --no-annotate
+        --upgrade .ci/setup/wheels.in -o .ci/setup/wheels.lock
+"""
 
 from __future__ import annotations
 
@@ -13,16 +20,10 @@ from pathlib import Path
 import common
 from common import CACHE, MODULES, say
 
-PACKAGES = (
-    "dolfinx-solver-real>=0.11,<0.12",  # brings PETSc with real numbers, mpi4py, MPICH, its mpirun
-    *("gmsh", "scipy", "matplotlib", "tqdm", "pillow"),
-    "adios2",  # reads the fields that were written
-    *("meshio", "h5py"),  # read meshes of other programs
-    *("pytest", "pytest-xdist", "hypothesis"),
-    "pip",  # for packages that a user adds
-)
+LOCK = Path(__file__).with_name("wheels.lock")
 GMSH_NEEDS = "libglu1-mesa libxrender1 libxcursor1 libxft2 libxinerama1"  # not in its wheel
-FORMAT = 1  # raise it when the way of installing changes: a new environment replaces the old one
+LOCKED = ("--require-hashes", "--only-binary", ":all:")  # no code of a package runs
+FORMAT = 2  # raise it when the way of installing changes: a new environment replaces the old one
 
 
 def lacking() -> str | None:
@@ -50,7 +51,7 @@ def find_or_install() -> Path | None:
     if reason != "":
         return None
     # A Python that changes under an environment breaks it; so it is part of the name.
-    key = common.short_hash(FORMAT, sys.base_prefix, sys.version, *PACKAGES)
+    key = common.short_hash(FORMAT, sys.base_prefix, sys.version, LOCK.read_text())
     venv = CACHE / f"wheels-{key}"
     if not (venv / "complete").exists():
         with common.build_lock():
@@ -80,7 +81,7 @@ def steps(venv: Path) -> list[list[str]]:
     modules = ", ".join(("dolfinx", "petsc4py.PETSc", *MODULES, "pytest", "xdist", "hypothesis"))
     return [
         [sys.executable, "-m", "venv", "--clear", str(venv)],  # clear of an interrupted one
-        [python, "-m", "pip", "install", "--no-input", *PACKAGES],
+        [python, "-m", "pip", "install", "--no-input", *LOCKED, "-r", str(LOCK)],
         [python, "-P", "-c", f"import {modules}"],
     ]
 

@@ -75,6 +75,12 @@ WRONG_UNITS = {
         BOND,
         r"critical gap is about 0.2, the mesh 0.002 wide: .* in the same unit",
     ),
+    "strength and critical gap exchanged": (
+        2.0,
+        STEEL,
+        vmdg.Debonding(strength=0.2, critical_gap=100.0),
+        "critical gap is about 100, the mesh 2 wide: .* the strength before the critical gap",
+    ),
     "friction in degrees": (
         2.0,
         STEEL,
@@ -100,6 +106,39 @@ def test_units(comm, mistake):
     problem = held(tagged, bonded(tagged, law, material), "left", "right")
     with warned(comm, message):
         look(problem)
+
+
+def test_units_of_densities(comm):
+    """A density in kg/m3 with N, mm and s is found by a motion that no wave can follow."""
+    tagged = scene(comm)
+
+    def made(**density: float) -> vmdg.Problem:
+        body = {"left": STEEL, "right": STEEL}
+        return vmdg.Problem(tagged.mesh, tagged.cell_tags, body, [TIE], density=density)
+
+    with warned(comm, "in 2e-06 s no wave crosses a cell, .* densities are in t/mm3"):
+        vmdg.solve_dynamics(made(left=7850.0, right=7850.0), [1e-6, 2e-6])
+    with warned(
+        comm, "the densities 7.85e-09 of tag 2 and 7850 of tag 1 are probably in different"
+    ):
+        made(left=7850.0, right=7.85e-9)
+    vmdg.solve_dynamics(made(left=7.85e-9, right=1e-11), [1e-7])
+
+
+def test_rows_of_a_run_that_is_ended(comm):
+    """What ends a run in a monitor has the rows so far."""
+
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
+        if problem.t > 0.15:
+            raise KeyboardInterrupt
+        return {"twice": 2 * problem.t}
+
+    tagged = scene(comm)
+    problem = held(tagged, bonded(tagged), "left", "right")
+    with pytest.raises(KeyboardInterrupt) as ended:
+        vmdg.solve(problem, [0.1, 0.2, 0.3], monitor=monitor)
+    assert ended.value.result.history["twice"].tolist() == [0.2]
+    assert problem.t == 0.1
 
 
 @pytest.mark.parametrize(("E", "critical_gap"), [(5000.0, 0.2e-3), (5.0, 0.2)])
@@ -295,6 +334,11 @@ WRONG_VALUES = {
     "opened at no share": (
         lambda s: tie(within=1, law=BOND, activate="on-demand", activate_at=1.5),
         "activate_at",
+    ),
+    "a complex load": (lambda s: prescribe(s, lambda t: 1j * t), "it is complex"),
+    "a complex strength": (
+        lambda s: make(s, interfaces=[tie(between=(1, 2), law=vmdg.Debonding(lambda x: 1j, 1.0))]),
+        "strength of the law must be one finite number .* it is complex",
     ),
     "P_c of 0": (
         lambda s: vmdg.Debonding(strength=0.0, critical_gap=0.2),
@@ -587,6 +631,22 @@ WRONG_TYPES = {
     ),
     "options in a dict": (lambda s: run(s, options={"max_cuts": 3}), r"SolveOptions\(\.\.\.\)"),
     "a load factor alone": (lambda s: run(s, loads=1.0), r"\[1.0\] for one step to 1, or an int"),
+    "a column of lists": (
+        lambda s: run(s, monitor=lambda p: {"a": [[1.0], [1.0, 2.0]]}),
+        r"column 'a' of the monitor is \[\[1.0\], \[1.0, 2.0\]\]; it must be a number",
+    ),
+    "K and G": (
+        lambda s: vmdg.NeoHookean(K=1.0, G=1.0),
+        r"there is no K=: .* lmbda=K - 2\*G/3 and mu=G",
+    ),
+    "an energy for a gap": (
+        lambda s: vmdg.Debonding(strength=1.0, fracture_energy=1.0),
+        r"there is no fracture_energy=: .* critical_gap=2\*G_c/strength",
+    ),
+    "an experiment without a problem": (
+        lambda s: vmdg.identify(lambda v: 3.0, vmdg.Curve([1.0], [1.0], sigma=1.0), {"E": 1.0}),
+        "make_problem of 'measured' returned 3.0; it must return a problem, its monitor",
+    ),
     "True as loads": (lambda s: run(s, loads=True), "loads = True must be a list of load factors"),
     "a monitor without names": (lambda s: run(s, monitor=lambda p: p.t), "a dict of columns"),
 }

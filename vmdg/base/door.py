@@ -34,6 +34,15 @@ _RAISE = {opmap[name] for name in ("RAISE_VARARGS", "RERAISE") if name in opmap}
 #: Errors that arguments may cause.
 _WRONG = (TypeError, ValueError, AttributeError, LookupError, ArithmeticError)
 
+_BULK = "with the bulk modulus K and the shear modulus G, lmbda=K - 2*G/3 and mu=G", ["lmbda", "mu"]
+_ENERGY = (
+    "with the fracture energy G_c of a linear law, critical_gap=2*G_c/strength",
+    ["critical_gap", "strength"],
+)
+#: Arguments of other programs: what they are here, and where this is an answer.
+_ELSEWHERE = {name: _ENERGY for name in ("fracture_energy", "G_c", "Gc", "GIc", "toughness")}
+_ELSEWHERE |= {name: _BULK for name in ("K", "G", "kappa", "bulk_modulus", "shear_modulus")}
+
 _SHORT = Repr()
 _SHORT.maxother = _SHORT.maxstring = 80
 
@@ -148,7 +157,10 @@ def _miscalled(
         return error
     names = [one for one, _ in kinds]
     for unknown in (word for word in keywords if word not in names):
-        meant = near(unknown, names) or f"; it takes {', '.join(names)}"
+        meant = near(unknown, names)
+        if not meant and all(one in names for one in _ELSEWHERE.get(unknown, ("", ["-"]))[1]):
+            meant = f": {_ELSEWHERE[unknown][0]}"
+        meant = meant or f"; it takes {', '.join(names)}"
         return TypeError(f"{name}: there is no {unknown}={meant}")
     plain = [one for one, kind in kinds if kind is not inspect.Parameter.KEYWORD_ONLY]
     if len(arguments) > len(plain) + (len(parameters) > len(kinds)):

@@ -54,9 +54,11 @@ def as_numbers(values: Any) -> NDArray[np.float64]:
         values: A number, or an array of any shape.
 
     Raises:
-        ValueError: one of them is text.
+        ValueError: one of them is text or complex, of which numpy would drop a part.
     """
     array = np.asarray(values)
+    if array.dtype.kind == "c":
+        raise ValueError("it is complex; give its real part")
     if array.dtype.kind in "USO":
         for one in array.flat:
             if isinstance(one, str | bytes):

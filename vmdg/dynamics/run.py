@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.agreement import together
 from ..base.parallel import raise_together
 from ..base.texts import in_full
+from ..base.words import as_numbers
 from ..domain.tags import Group, by_tag
 from ..output.history import History
+from ..problem.checks import check_duration
 from ..problem.loading import groups_of, let_go
 from ..problem.motion import moving
 from ..problem.problem import Problem
@@ -173,6 +175,8 @@ def _checked(
         if present:
             raise ValueError(f"solve_dynamics has no motion for {what}")
     moving(problem.step.motion)
+    if history is None and len(given):
+        check_duration(problem, float(given[-1]) - start)
     return given.astype(float)
 
 
@@ -198,7 +202,7 @@ def _set_out(
         v = _by_group(problem, velocity)
     elif callable(velocity):
         x = problem.space.tabulate_dof_coordinates().T
-        values = together(problem.comm, lambda: np.asarray(velocity(x), dtype=float))
+        values = together(problem.comm, lambda: as_numbers(velocity(x)))
         shape = d, x.shape[1]
         right = values.shape == shape and bool(np.isfinite(values).all())
         message = f"solve_dynamics: velocity returned {values.shape}, expected {shape}, finite"
@@ -226,7 +230,7 @@ def _by_group(problem: Problem, velocity: Mapping[Group, ArrayLike]) -> Array:
     given = by_tag(velocity, groups_of(problem.loading), "solve_dynamics: velocity")
     v = np.zeros_like(problem.u.x.array)
     for tag, value in given.items():
-        values = np.asarray(value, dtype=float)
+        values = as_numbers(value)
         if tag not in cells_of:
             raise ValueError(
                 f"solve_dynamics: velocity: no cell has tag {tag}; tags are {sorted(cells_of)}"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from numbers import Real
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any, NamedTuple, TypeVar
 
 from mpi4py import MPI
@@ -347,7 +348,18 @@ class Model:
 
     def _made(self, name: str, values: Mapping[str, float]) -> tuple[Problem, Monitor, Any]:
         comm = MPI.COMM_SELF if self._spread else self.comm
-        problem, monitor, *rest = together(comm, lambda: self._makes[name](dict(values)))
+        made = together(comm, lambda: self._makes[name](dict(values)))
+        if not (
+            isinstance(made, tuple | list)
+            and len(made) in (2, 3)
+            and isinstance(made[0], Problem)
+            and all(one is None or callable(one) for one in made[1:])
+        ):
+            raise TypeError(
+                f"identify: make_problem of {name!r} returned {short(made)}; it must return a "
+                "problem, its monitor or None and, if runs may end earlier, until"
+            )
+        problem, monitor, *rest = made
         fields = [one for one in self.measured[name] if isinstance(one, Field)]
         samples = {one.column: one.watch(problem) for one in fields}
 

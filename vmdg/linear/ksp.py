@@ -168,6 +168,8 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
     """
     # The residual may be zero while the constraint of the step is not met.
     sizes = [max(norm, goal) for norm in norms[-2:]]
+    if not sizes[0]:  # nothing moves
+        return MAX_RTOL
     eta = min(max(0.9 * (sizes[-1] / sizes[0]) ** 2, MIN_RTOL), MAX_RTOL)
     left = goal / sizes[-1]
     return min(ENOUGH * left, MAX_RTOL) if eta < SHORT * left else eta

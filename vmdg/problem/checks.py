@@ -16,6 +16,7 @@ from ..base.parallel import global_any, global_max, raise_together, warn_togethe
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
 from ..interface.stabilization import SAME_UNITS, SUSPICIOUS_RATIO
+from .motion import moving
 from .problem import Problem
 from .standing import falling
 from .supports import LoosePart, in_words, loose_among, loose_parts, parts_of
@@ -25,8 +26,12 @@ from .zone import process_zones
 #: modulus in Pa with a strength in MPa is below), and largest usual value.
 WEAKEST, USUAL = 1e-8, 0.1
 
-#: Critical gap relative to the size of the mesh.
-WIDEST = 10.0
+#: Largest plausible critical gap relative to the size of the mesh.
+WIDEST = 1.0
+
+#: Smallest plausible duration of a motion, relative to the time of a wave through a cell. A density
+#: in kg/m3 with N, mm and s makes waves 1e6 times slower.
+BRIEFEST = 1e-3
 
 #: |tau_s| relative to H below which the loss of digits is reported.
 LOSSY = 1e-3
@@ -295,9 +300,7 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> bool:
     warn_together(comm, message)
     if not law.has_bond:
         return False
-    steep = _check_softening(comm, active)
-    stiffness = active.stabilization.norm / active.stabilization.safety
-    stiffness = stiffness * active.quadrature.extent
+    steep, stiffness = _check_softening(comm, active), _moduli(active)
     softest = -global_max(comm, float(-stiffness.min(initial=np.inf)))
     size = box_sides(problem.mesh).max()
     strength = np.min(law.strength, initial=np.inf)
@@ -313,10 +316,41 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> bool:
     elif gap > WIDEST * size and strength < USUAL * softest:
         message = (
             f"{active.facets.label}: the critical gap is about {gap:.3g}, the mesh {size:.3g} "
-            "wide: the bond will hardly soften. Give both in the same unit (mm with N and MPa)"
+            "wide: the bond will hardly soften. Give both in the same unit (mm with N and MPa), "
+            "and the strength before the critical gap"
         )
     warn_together(comm, message)
     return steep
+
+
+def _moduli(active: ActiveInterface) -> NDArray[np.float64]:
+    """r h of facets (nf,), of the order of the moduli of their cells [MPa]."""
+    r = active.stabilization.norm / active.stabilization.safety
+    return r * active.quadrature.extent
+
+
+def check_duration(problem: Problem, duration: float) -> None:
+    """Warn about a motion that is over long before a wave has crossed a cell; collective.
+
+    A wave at c = sqrt(E/rho) takes h/c through a cell of the size h, here those at interfaces.
+
+    Args:
+        problem: With a density.
+        duration: Of the motion [s].
+    """
+    rho, message = max(moving(problem.step.motion).density.values()), None
+    times = [
+        float((active.quadrature.extent * np.sqrt(rho / _moduli(active))).min(initial=np.inf))
+        for active in problem.discretization.active.values()
+    ]
+    crossing = -global_max(problem.comm, -min(times, default=np.inf))
+    if duration < BRIEFEST * crossing < np.inf:
+        message = (
+            f"solve_dynamics: in {duration:.3g} s no wave crosses a cell, which takes "
+            f"{crossing:.3g} s with the density {rho:.3g}. With N, mm and s densities are in t/mm3 "
+            "(steel 7.85e-9), with N, m and s in kg/m3"
+        )
+    warn_together(problem.comm, message)
 
 
 def _check_zones(problem: Problem, steep: set[int]) -> None:

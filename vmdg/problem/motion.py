@@ -7,6 +7,7 @@ from functools import cached_property
 from numbers import Real
 from typing import NamedTuple
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -16,17 +17,23 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 
 from ..assembly.discretization import Discretization
-from ..base.parallel import global_sum
+from ..base.parallel import global_sum, warn_together
 from ..forms.geometry import Axisymmetric
 from .damping import Damping, Rayleigh
 
 Array = NDArray[np.float64]
 
+#: Ratio of densities that points to different units: of solids it is below 1e4.
+UNLIKE = 1e6
 
-def checked_density(density: Mapping[int, float], deformable: set[int]) -> dict[int, float]:
-    """Density by tag.
+
+def checked_density(
+    comm: MPI.Comm, density: Mapping[int, float], deformable: set[int]
+) -> dict[int, float]:
+    """Density by tag; warns of values that are probably in different units; collective.
 
     Args:
+        comm: All ranks.
         density: The user's, by tag.
         deformable: Tags of the bodies that are not rigid walls.
 
@@ -46,6 +53,13 @@ def checked_density(density: Mapping[int, float], deformable: set[int]) -> dict[
     if others := sorted(set(density) - deformable):
         raise ValueError(
             f"Problem: density has a value for tag {others[0]}, which is no deformable body"
+        )
+    least, most = (pick(density, key=lambda tag: density[tag]) for pick in (min, max))
+    if density[most] > UNLIKE * density[least]:
+        warn_together(
+            comm,
+            f"Problem: the densities {density[least]:g} of tag {least} and {density[most]:g} of "
+            f"tag {most} are probably in different units (t/mm3 with N, mm and s)",
         )
     return {tag: float(rho) for tag, rho in density.items()}
 

@@ -227,7 +227,7 @@ class Problem:
         motion = None
         if density is not None:
             deformable = set(materials) - set(bodies.walls)
-            density = checked_density(by_tag(density, names, "density"), deformable)
+            density = checked_density(mesh.comm, by_tag(density, names, "density"), deformable)
             motion = Motion(discretization, density, damping or Rayleigh())
         elif damping is not None:
             raise ValueError("Problem: damping= is for bodies in motion, give density= too")

@@ -157,7 +157,10 @@ def _numbers(row: Any) -> dict[str, Any]:
         if isinstance(given, Sampled):
             numbers[name] = np.asarray(given)
             continue
-        value = np.asarray(given.value if isinstance(given, fem.Constant) else given)
+        try:
+            value = np.asarray(given.value if isinstance(given, fem.Constant) else given)
+        except ValueError:  # lists of different lengths
+            value = np.zeros(0)
         if value.shape != () or value.dtype.kind not in "biuf":
             words = "a UFL expression" if isinstance(given, Expr) else short(given)
             raise TypeError(

@@ -166,6 +166,9 @@ def run_of(
         ):
             run = Run(problem, options, result, interrupt.check, progress, file, rows)
             yield run
+    except BaseException as error:
+        error.result = result  # type: ignore[attr-defined]
+        raise
     finally:
         _running.discard(problem)
         problem.loading.clear_ray()

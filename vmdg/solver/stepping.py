@@ -72,7 +72,8 @@ def solve(
         KeyboardInterrupt: Ctrl-C, between two attempts of a step, or immediately if pressed twice.
 
     However a run ends, the problem is in the state of its last row, or as left by the last failed
-    step; an error of the monitor, of ``until`` or of a load on one rank is raised on all.
+    step, and an exception has the rows so far as ``result``; an error of the monitor, of ``until``
+    or of a load on one rank is raised on all.
     """
     functions = {"monitor": monitor, "until": until}
     given = {"loads": in_full(loads), "derivatives": derivatives}
