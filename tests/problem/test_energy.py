@@ -170,6 +170,24 @@ class Spendthrift(vmdg.Debonding):
         return 1.01 * super().bond_energy(resistance)
 
 
+def test_friction_that_begins_within_a_step(comm):
+    """A bond that is nearly gone closes at the end of a step in which it slides: friction has the
+    pressure on the way; that of the end over the whole way would be 0.13 N mm."""
+    law = vmdg.Debonding(P_C, ZETA_C, friction=0.5, unloading="secant")
+    scene = blocks(comm, "quadrilateral", (2, 2), height=1.0)
+    problem = couple(scene, law)
+    x, y = np.array([[0.0, 0.9, 0.2, -0.01], [0.0, 0.0, 0.0, 0.5]]) * ZETA_C
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    path = lambda t: [np.interp(t, range(4), way) for way in (x, y)]  # noqa: E731
+    problem.dirichlet(scene.facet_tags.find(2), path)
+    vmdg.solve(problem, [1.0, 2.0])
+    before = problem.energy()
+    vmdg.solve(problem, [3.0])
+    energy = problem.energy()
+    assert before.friction == 0 < energy.friction
+    assert abs(energy.imbalance - before.imbalance) < 1e-3
+
+
 def test_balance_does_not_take_the_word_of_a_law(comm):
     """What a law charges without bearing it is missing in the balance."""
     law = Spendthrift(strength=P_C, critical_gap=ZETA_C)
