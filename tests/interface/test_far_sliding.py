@@ -18,7 +18,7 @@ from support.scenes import DIMENSION
 import vmdg
 from vmdg import Mode, compat
 from vmdg.base.parallel import global_sum
-from vmdg.interface.moving import MovingInterface
+from vmdg.interface.moving import MovingInterface, tractions_at
 from vmdg.meshes import apart, blocks
 from vmdg.output.fields import InterfaceFields
 
@@ -375,6 +375,15 @@ def test_slowed_down_while_points_change():
         assert (slowed[bonded] > 0.0).all() and not slowed[bonded.stop :].any()
         counts.add(len(slowed))
     assert len(counts) > 1
+
+
+def test_points_at_one_place_have_one_traction():
+    """Whichever of them is found first: points of two facets at their common corner."""
+    X, dA = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1e-16], [2.0, 0.0]]), np.array([1, 1, 3, 1.0])
+    N, T = np.tile([0.0, 1.0], (4, 1)), -np.array([[0, 1], [0, 2], [0, 6], [0, 4.0]])
+    normal, traction = tractions_at(X, 2.0, T, N, dA)
+    assert normal == pytest.approx(N)
+    assert traction == pytest.approx(-np.array([[0, 1], [0, 5], [0, 5], [0, 4.0]]))
 
 
 def test_off_the_edge_and_back():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from dolfinx.mesh import compute_midpoints, create_submesh, meshtags
 from support.apart import all_cells, block, moved
+from support.problems import rotation
 
 import vmdg
 from vmdg.meshes import apart
@@ -71,6 +72,16 @@ def test_wedges(kind):
         coarse, fine = (pressed(scene, options, way, kinematics, loads) for scene in given)
         assert fine < -20.0
         assert coarse == pytest.approx(fine, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_open_points_carry_nothing(kind):
+    """Before the first step of a scene whose axes are turned, not even rounding."""
+    scene, (options, kinematics) = columns(4, 2, (0.02, 0.02)), KINDS[kind]
+    turn = rotation(2, 0.7)
+    scene.mesh.geometry.x[:, :2] = scene.mesh.geometry.x[:, :2] @ turn.T
+    history = problem_of(scene, options, kinematics).discretization.active[0].history
+    assert np.abs(history.gap).max() > 0 and not history.traction.any()
 
 
 @pytest.mark.parametrize("kind", KINDS)

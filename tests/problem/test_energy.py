@@ -170,6 +170,24 @@ class Spendthrift(vmdg.Debonding):
         return 1.01 * super().bond_energy(resistance)
 
 
+def test_friction_that_begins_within_a_step(comm):
+    """A bond that is nearly gone closes at the end of a step in which it slides: friction has the
+    pressure on the way; that of the end over the whole way would be 0.13 N mm."""
+    law = vmdg.Debonding(P_C, ZETA_C, friction=0.5, unloading="secant")
+    scene = blocks(comm, "quadrilateral", (2, 2), height=1.0)
+    problem = couple(scene, law)
+    x, y = np.array([[0.0, 0.9, 0.2, -0.01], [0.0, 0.0, 0.0, 0.5]]) * ZETA_C
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    path = lambda t: [np.interp(t, range(4), way) for way in (x, y)]  # noqa: E731
+    problem.dirichlet(scene.facet_tags.find(2), path)
+    vmdg.solve(problem, [1.0, 2.0])
+    before = problem.energy()
+    vmdg.solve(problem, [3.0])
+    energy = problem.energy()
+    assert before.friction == 0 < energy.friction
+    assert abs(energy.imbalance - before.imbalance) < 1e-3
+
+
 def test_balance_does_not_take_the_word_of_a_law(comm):
     """What a law charges without bearing it is missing in the balance."""
     law = Spendthrift(strength=P_C, critical_gap=ZETA_C)
@@ -273,6 +291,27 @@ def test_work_of_eigenstrains(comm):
     vmdg.solve(problem, 8)
     energy = problem.energy()
     assert abs(energy.imbalance) < 1e-4 * energy.external
+
+
+@pytest.mark.parametrize(
+    "form", [{"degree": 2}, {"volumetric": "mean"}, {"plane": "stress"}], ids=str
+)
+@pytest.mark.parametrize("limit, allowed", [(1e9, 1e-10), (4.0, 0.01)])
+def test_work_of_eigenstrains_of_bodies_at_points(comm, form, limit, allowed):
+    """An elastic block between supports that shrinks stores the work exactly; one that flows from
+    the middle of a step on misses what the trapezoidal rule does."""
+    mesh, cells, facets = blocks(comm, "quadrilateral", (3, 3))
+    metal = vmdg.J2(1000.0, 0.3, limit, hardening=50.0)
+    bodies = {1: metal, 2: vmdg.NeoHookean(E=3000.0, nu=0.3)}
+    bond = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
+    options = form | {"kinematics": "small", "eigenstrain": {1: lambda t: -0.02 * t}}
+    problem = vmdg.Problem(mesh, cells, bodies, [bond], **options)
+    for end in (1, 2):
+        problem.dirichlet(facets.find(end), 0.0)
+    vmdg.solve(problem, 8, vmdg.SolveOptions(relative_tolerance=1e-11))
+    energy = problem.energy()
+    assert (energy.plastic > 0) == (limit < 1e9)
+    assert abs(energy.imbalance) < allowed * energy.external
 
 
 def test_what_costs_residuals_is_asked_for(comm):

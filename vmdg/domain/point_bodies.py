@@ -235,8 +235,25 @@ class PointBodies:
         changed = _with(self.state, stress=stress, deformation=deformation)
         _write(self.fields.facet_stress, self.cells, self._on_facets(self._piola(changed)))
 
-    def _evaluated(self, deformation: Array, dt: float) -> PointState:
-        count, old = len(self.points), self.state
+    def strained(self, since: PointState, dt: float) -> PointState:
+        """A state with the current eigenstrain at its own deformation, from the end of its step on:
+        what has been dissipated on the way counts as stored, dW = P : dF; collective.
+
+        For derivatives of the energy by eigenstrains, for which :meth:`take` sets it.
+
+        Args:
+            since: The state.
+            dt: A time in which bodies whose stress depends on it hardly flow [s].
+        """
+        start = _with(since, history=since.next)
+        found = together(self._mesh.comm, lambda: self._evaluated(since.deformation, dt, start))
+        return _with(found, stored=found.stored + found.dissipated, moduli=since.moduli)
+
+    def _evaluated(
+        self, deformation: Array, dt: float, start: PointState | None = None
+    ) -> PointState:
+        """The state for a deformation from a history, by default that of the current state."""
+        count, old = len(self.points), self.state if start is None else start
         stress, stored, dissipated = (
             np.empty_like(a) for a in (old.stress, old.stored, old.stored)
         )

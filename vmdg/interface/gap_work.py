@@ -175,18 +175,34 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
     total, viscous = work(states, rows, low, 1.0)
     if rated:
         charged[2] = weights @ (viscous - update.viscous_work[moved])
-    parting = np.flatnonzero(update.damage_work[moved] > 0)
-    if law.unloads_to_origin and parting.size:
-        quarters = states.at(slice(None, None, PARTS // CHARGED), parting)
+
+    whole_works = works(history, update, active.law, q.normal, active.stabilization.norm[q.facet])
+    whole_works = whole_works[:, moved]
+
+    def excess(chosen: NDArray[np.intp], parts: int) -> Array:
+        """Damage, friction and viscous work of so many parts of some points beyond that of their
+        whole step (3,)."""
+        some = states.at(slice(None, None, PARTS // parts), chosen)
         start, end = (
-            States(*(array.reshape(-1, *array.shape[2:]) for array in quarters.at(part)))
+            States(*(array.reshape(-1, *array.shape[2:]) for array in some.at(part)))
             for part in (slice(None, -1), slice(1, None))
         )
-        rows = np.tile(parting, CHARGED)
+        rows = np.tile(chosen, parts)
         # without its overstress the end follows from the start, given enough time
         load = end.traction - end.overstress + r[rows, None] * (end.gap - start.gap)
-        spent = mapped(rows, load, start, np.inf if rated else dt).damage_work.reshape(CHARGED, -1)
-        charged[0] = weights[parting] @ (spent.sum(axis=0) - update.damage_work[moved[parting]])
+        found = mapped(rows, load, start, np.inf if rated else dt)
+        # The states know the mode since the start of the step, where a gap that has closed closes.
+        modes = np.append(some.mode[0], found.mode[: -len(chosen)])
+        each = works(start._replace(mode=modes), found, law.at(rows), N[rows], r[rows])
+        return (each.reshape(3, parts, -1).sum(axis=1) - whole_works[:, chosen]) @ weights[chosen]
+
+    parting = np.flatnonzero(update.damage_work[moved] > 0)
+    if law.unloads_to_origin and parting.size:
+        charged[0] = excess(parting, CHARGED)[0]
+    # The pressure under which a point slides begins or ends within the step.
+    turning = np.flatnonzero((states.mode[1:] != states.mode[:-1]).any(axis=0))
+    if np.any(np.greater(law.friction, 0.0)) and turning.size:
+        charged[1] = excess(turning, PARTS)[1]
     return float(weights @ total), charged
 
 

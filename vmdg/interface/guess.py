@@ -39,10 +39,12 @@ def open_free_points(active: ActiveInterface) -> None:
     """C = I/r at points without bond and traction: the next tangent treats them as open.
 
     Treated as closed, a crack would open like a zip: behind the open points the faces press on each
-    other, so each correction would open only one or two more facets.
+    other, so each correction would open only one or two more facets. Points at a distance open
+    all at once; in the first step, where they may close as well, they are treated as closed.
     """
     r = active.stabilization.norm[active.quadrature.facet][:, None, None]
-    _assume(active, free_points(active), np.eye(active.quadrature.d) / r)
+    points = touching_points(active) if active.at_rest else free_points(active)
+    _assume(active, points, np.eye(active.quadrature.d) / r)
 
 
 def hold_sliding_points(active: ActiveInterface) -> None:

@@ -116,8 +116,9 @@ def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, 
     The law uses the pressure at the end. Where a point slides, the mean of both ends is accurate to
     second order, which adds mu (|T_N,n| - |T_N,n+1|) dgamma / 2. Where a sliding point lifts off,
     the pressure falls to zero within the fraction s = |T_N,n| / (|T_N,n| + r dzeta_N) of the step:
-    mu |T_N,n| s |dzeta_T| / 2 [N/mm]. Both are multiplied by the fraction of the point subject to
-    friction.
+    mu |T_N,n| s |dzeta_T| / 2 [N/mm]. Where a gap closes, the pressure grows from zero within the
+    last s = |T_N,n+1| / (|T_N,n+1| + r |dzeta_N|) of the step, which leaves mu |T_N,n+1| s dgamma /
+    2. All are multiplied by the fraction of the point subject to friction.
     """
     first, last = (
         np.maximum(-np.einsum("pi,pi->p", T, N), 0.0) for T in (before.traction, update.traction)
@@ -134,4 +135,10 @@ def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, 
     pressure = first[lifts]
     share = pressure / (pressure + r[lifts] * np.maximum(opening, 0.0))
     work[lifts] = pressure * share * slip / 2
+    free = (rubs < 1.0) | (before.softening >= law.strength)
+    closes = (update.mode == Mode.CLOSING) & (first == 0) & (last > 0) & free
+    pressure = last[closes]
+    closed = np.einsum("pi,pi->p", (before.gap - update.gap)[closes], N[closes])
+    share = pressure / (pressure + r[closes] * np.maximum(closed, 0.0))
+    work[closes] = pressure * (share / 2 - 1) * update.multiplier[closes]
     return law.friction * rubs * work

@@ -179,8 +179,8 @@ class CommittedPoints:
         elastic: s in the frame of the law (nq, d) [mm].
         history: Of the points.
         both: X on both sides of the points of all ranks (n, d) [mm].
-        normals: Of side 1, of these (n, d).
-        tractions: Of these, in the frame of the law (n, d) [MPa].
+        normals: Of side 1, of these, by side whose points at one place have one normal (n, d).
+        tractions: Of these, in the frame of the law, likewise (n, d) [MPa].
         pressed: Integral of the pressure over all ranks [N; N/mm in plane strain].
     """
 
@@ -191,8 +191,8 @@ class CommittedPoints:
     elastic: Array
     history: PointHistory
     both: tuple[Array, Array]
-    normals: Array
-    tractions: Array
+    normals: tuple[Array, Array]
+    tractions: tuple[Array, Array]
     pressed: float
 
     @cached_property
@@ -330,7 +330,7 @@ class MovingInterface(ActiveInterface):
         super()._leave_out(out)
         known, taken_in = self.stabilization, self._labels[~out]
         assert isinstance(known, PairStabilization)
-        if known.taken_in is not None and not self._at_rest:  # others may come back in this step
+        if known.taken_in is not None and not self.at_rest:  # others may come back in this step
             taken_in = np.union1d(known.taken_in, taken_in)
         self.stabilization = replace(known, taken_in=taken_in)
 
@@ -386,7 +386,7 @@ class MovingInterface(ActiveInterface):
             gap[same] -= turned(before.elastic[at], *turn)
             normal[same] = np.einsum("pi,pi->p", old.gap[at], turn[0])
             mode[same] = old.mode[at]
-        if before is not None and len(before.normals):
+        if before is not None and len(before.both[0]):
             traction = self._carried_traction(before, 0)
         along = np.einsum("pi,pi->p", gap, N)
         gap += (np.maximum(normal, 0.0) - along)[:, None] * N
@@ -476,7 +476,7 @@ class MovingInterface(ActiveInterface):
         presses the gap was closed.
         """
         before, update, q = self._committed, self.values.update, self.quadrature
-        if before is None or update is None or not len(before.normals):
+        if before is None or update is None or not len(before.both[0]):
             return
         found = [self._carried_traction(before, side) for side in range(2)]
         misses = [q.weights @ np.linalg.norm(T - update.traction, axis=1) for T in found]
@@ -497,7 +497,8 @@ class MovingInterface(ActiveInterface):
         stays as it was.
         """
         nearby = before.nearby[side].query(self._both_places()[side])[1]
-        T = turned(before.tractions[nearby], before.normals[nearby], self.quadrature.normal)
+        known = before.tractions[side][nearby], before.normals[side][nearby]
+        T = turned(*known, self.quadrature.normal)
         pressed = self._pressed(T)
         return T * (before.pressed / pressed if pressed > 0 else 1.0)
 
@@ -528,9 +529,11 @@ class MovingInterface(ActiveInterface):
         q, T = self.quadrature, self.history.traction
         s = _of_places(s, self._places(), self._size, q.weights * self.stabilization.norm[q.facet])
         X = tuple(gathered(self._comm, x) for x in self._both_places())
-        everywhere = X, gathered(self._comm, q.normal), gathered(self._comm, T)
+        known = [gathered(self._comm, array) for array in (T, q.normal, q.weights)]
+        found = [tractions_at(x, self._size, *known) for x in X]
         given = self._u.x.array.copy(), self._places(), self._first(), q.normal, s, self.history
-        self._committed = CommittedPoints(*given, *everywhere, self._pressed(T))
+        normals, tractions = zip(*found, strict=True)
+        self._committed = CommittedPoints(*given, X, normals, tractions, self._pressed(T))
 
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""
@@ -611,15 +614,53 @@ def _of_places(s: Array, places: Array, size: float, stiffness: Array) -> Array:
         size: Of the surface [mm].
         stiffness: r dA (nq,).
     """
-    near = scipy.spatial.cKDTree(places).query_pairs(_SAME * size, output_type="ndarray")
-    if not len(near):
+    place, count = _numbered(places, size)
+    if count is None:
         return s
-    graph = scipy.sparse.coo_array((np.ones(len(near)), near.T), shape=(len(s), len(s)))
-    place = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     whole = np.bincount(place, stiffness)[place]
     share = np.divide(stiffness, whole, out=np.ones_like(whole), where=whole > 0)
     mean = np.column_stack([np.bincount(place, share * column)[place] for column in s.T])
-    return np.where((np.bincount(place) > 1)[place, None], mean, s)
+    return np.where((count > 1)[place, None], mean, s)
+
+
+def tractions_at(
+    places: Array, size: float, traction: Array, normal: Array, weights: Array
+) -> tuple[Array, Array]:
+    """Normals and tractions (n, d) of points, those at one place with their means by dA: which of
+    them is the nearest would be a matter of rounding.
+
+    Args:
+        places: X (n, d) [mm].
+        size: Of the surface [mm].
+        traction: T in the frame of the law (n, d) [MPa].
+        normal: N (n, d).
+        weights: dA (n,).
+    """
+    place, count = _numbered(places, size)
+    if count is None:
+        return normal, traction
+
+    def mean(values: Array) -> Array:
+        sums = [np.bincount(place, weights * column) for column in values.T]
+        return np.column_stack(sums)[place]
+
+    shared, tiny = mean(normal), np.finfo(float).tiny
+    shared /= np.maximum(np.linalg.norm(shared, axis=1, keepdims=True), tiny)
+    several = (count > 1)[place, None]
+    shared = np.where(several, shared, normal)
+    area = np.bincount(place, weights)[place, None]
+    return shared, np.where(several, mean(turned(traction, normal, shared)) / area, traction)
+
+
+def _numbered(places: Array, size: float) -> tuple[NDArray[np.intp], NDArray[np.intp] | None]:
+    """Number of the place of every point (n,), and of the points at every place, None where each
+    has its own; ``size`` is that of the surface [mm]."""
+    near = scipy.spatial.cKDTree(places).query_pairs(_SAME * size, output_type="ndarray")
+    if not len(near):
+        return np.arange(len(places)), None
+    graph = scipy.sparse.coo_array((np.ones(len(near)), near.T), shape=2 * (len(places),))
+    place = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    return place, np.bincount(place)
 
 
 def _nearest(

@@ -26,6 +26,9 @@ from .work import chord_integral, next_increment
 #: the energy, divided by it, is to stay below the error of Newton's method.
 SMALL = 0.1
 
+#: Fraction of the time step in which bodies whose stress depends on it hardly flow.
+SUDDEN = 1e-12
+
 
 class WorkInMotion(NamedTuple):
     """What motion adds to the works of a step in time.
@@ -418,15 +421,24 @@ class Ledger:
         """Derivative of the stored energy by the eigenstrains at the current displacement, from
         load factor ``now``, to which they are reset, towards ``t``, or along the ray; collective [N
         mm].
+
+        That of bodies at points from their last state on, at constant F: dW/dF_s : dF_s/dt with
+        W = stored + dissipated, whose derivative is that at constant history.
         """
         loading, ray = self._loading, self._loading.ray
         t = t if ray is None else now + ray.end - ray.start
         if not loading.strained(now, t):
             return 0.0
         h, energies = SMALL * (t - now), []
+        bodies = self.discretization.bodies.points
+        state = bodies and bodies.state
         for factor in (now + h, now + 2 * h, now + 3 * h, now):
             loading.strain(factor)
+            if bodies:
+                bodies.take(bodies.strained(state, SUDDEN * self._start.dt))
             energies.append(self.discretization.stored_energy().sum())
+        if bodies:
+            bodies.take(state)
         one, two, three, here = global_sum(self._comm, energies)
         return float(18 * one - 9 * two + 2 * three - 11 * here) / (6 * h)
 

@@ -94,7 +94,7 @@ class Step:
         if apart:
             self.assemble_residual(hold=True)
             for active in apart:
-                active.take_traction()
+                active.take_overlap()
             self.ledger.enter_opening(now.stored_energy().sum())
 
     # The course of a step
