@@ -14,10 +14,9 @@ from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
-from parts.delamination import intrinsic, vcct
 from parts.delamination.beams import Run
 from parts.delamination.cases import CASES, Case, Row, measure, table
-from parts.delamination.fatigue import of_history, paris, without_vmdg
+from parts.delamination.fatigue import SHARE, WITHOUT_SLOPE, WITHOUT_SPEED, of_history, paris
 from parts.options import run
 
 import vmdg
@@ -64,10 +63,9 @@ def release(ax: plt.Axes, history: vmdg.History) -> None:
 
 def growth(ax: plt.Axes, history: vmdg.History) -> None:
     """Growth of a crack over its energy release rate, and the same without vmdg."""
-    computed = of_history(history)
-    share, speed = paris(computed)
+    share, speed = paris(of_history(history))
     ax.loglog(share, 1e6 * speed, "o", mfc="none", label="vmdg")
-    share, speed = paris(without_vmdg(computed.crack[-1] - computed.crack[0]))
+    speed = WITHOUT_SPEED * (share / SHARE) ** WITHOUT_SLOPE
     ax.loglog(share, 1e6 * speed, "k--", lw=1, label="without vmdg")
     ax.set(xlabel="$G/G_c$", ylabel="$da/dN$ [nm]", title="growth")
     for axis in (ax.xaxis, ax.yaxis):
@@ -120,8 +118,6 @@ def overview(folder: Path) -> plt.Figure:
 def main(
     case: str = "all",
     out: str = "results/delamination",
-    peer: bool = False,
-    linear: bool = False,
     plot: bool = True,
     verbose: bool = False,
 ) -> list[Row]:
@@ -130,18 +126,9 @@ def main(
     Args:
         case: Name of one, or "all".
         out: Folder for table and pictures; one of them shows all cases that were run there.
-        peer: Run the DCB against a plain intrinsic cohesive law on the same mesh instead; one rank.
-        linear: Instead find the critical points of the MMB by linear fracture mechanics on several
-            meshes, without vmdg.
         plot: Draw a picture of every case.
         verbose: Print the residuals of every step.
     """
-    if peer:
-        print(intrinsic.table(*intrinsic.side_by_side(verbose=verbose)))
-        return []
-    if linear:
-        print(vcct.study())
-        return []
     names = list(CASES) if case == "all" else [case]
     if unknown := set(names) - set(CASES):
         raise ValueError(f"case = {unknown.pop()!r} must be all or one of {', '.join(CASES)}")

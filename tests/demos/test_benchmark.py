@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from time import process_time
-
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import benchmark
 import numpy as np
@@ -15,12 +11,14 @@ import two_inclusions
 import ufl
 from dolfinx import fem
 from parts import two_inclusions as inclusions
-from parts.benchmark import cost, peers, precision, small
+from parts.benchmark import peers, precision
+from parts.benchmark.common import layers
 from support.budgets import over_budget
 from support.checks import integral
 
 import vmdg
 from vmdg import meshes
+from vmdg.base import kernels
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="measured on one rank")
 
@@ -87,22 +85,6 @@ def test_separate_meshes_have_equal_sizes(out):
         assert row.pairs > 1.5, row.name
 
 
-@pytest.mark.skipif(sys.version_info < (3, 12), reason="sys.monitoring is of Python 3.12")
-def test_rows_of_small_problems(out):
-    """Time in compiled code is that of PETSc and kernels, and only a part of a small problem's."""
-    costs = benchmark.main(["small"], coarse=True, repeats=1, out=str(out))["small"]
-    assert [row.kinematics for row in costs] == ["small", "finite"]
-    for row in costs:
-        assert row.rows >= small.STEPS
-        assert 0 < row.compiled < row.seconds
-    assert small.in_compiled_code(lambda: np.ones(10**5).sum()) == 0
-    matrix = PETSc.Mat().createDense((400, 400), comm=MPI.COMM_SELF)
-    matrix.setUp()
-    start = process_time()
-    inside = small.in_compiled_code(lambda: [matrix.norm() for _ in range(20)])
-    assert 0 < inside < process_time() - start
-
-
 def test_derivatives_are_carried(out):
     """A beam with few facets at small and finite strain."""
     costs = benchmark.main(["derivatives"], coarse=True, repeats=1, out=str(out))["derivatives"]
@@ -110,22 +92,6 @@ def test_derivatives_are_carried(out):
     for row in costs:
         assert row.rows >= 15
         assert 0 < row.more("two") < row.more("eight"), row
-
-
-def test_a_step_costs_in_proportion(out):
-    """What interfaces hold goes with their facets; what a commit keeps, with their points."""
-    actions = {a.name: a for a in benchmark.main(["step"], True, 1, out=str(out))["step"]}
-    memory = {name: action.shares(action.memory) for name, action in actions.items()}
-    for name in ("of it return map", "tau_s and its coercivity"):
-        facet, cell = memory[name]
-        # Less than nothing where the first box makes what is made once.
-        assert facet > 1e3 and cell < 100, name
-    # Bodies are done in batches of cells, and these meshes are smaller than one.
-    facet, cell = memory["tangent"]
-    assert facet > 1e3 and cell * actions["tangent"].cells[1] < 1e6
-    # Return maps at points of the way that the step has gone, for those that have moved [bytes].
-    assert memory["commit, works"][0] < 60e3
-    assert memory["checkpoint, files"][1] > 24 * 8 * 2
 
 
 def test_cracked_plate(out):
@@ -145,28 +111,6 @@ def test_cracked_plate(out):
     assert not over_budget("cracked plate", run)
     assert run.counts.condensed >= run.history["iterations"].sum()
     assert run.counts.solves >= len(run.history)
-
-
-#: Where the two ways are not the same problem: a tie has the tensor tau_s, strains reach .5%.
-ALLOWED = {"history, return map, damage tangent": 1e-4, "terms of finite strain": 5e-3}
-
-
-def test_what_is_spared_changes_nothing(out):
-    """Both ways give the same forces; 1e-6 is a thousand times the tolerance of the steps."""
-    savings = benchmark.main(["switches"], coarse=True, repeats=1, out=str(out))["switches"]
-    assert len(savings) == 6
-    for saving in savings:
-        assert saving.difference < ALLOWED.get(saving.name, 1e-6), saving
-
-
-def test_condensed_systems_change_nothing(out):
-    """Forces of both ways are equal within a hundred times the tolerance of 1e-9."""
-    gains = benchmark.main(["condensed"], coarse=True, repeats=1, out=str(out))["condensed"]
-    assert len(gains) == 2
-    for gain in gains:
-        assert gain.difference[1] < 1e-7, gain
-        assert len(gain.seconds) == 2
-        assert 0 < gain.gaps < gain.unknowns
 
 
 def test_sliding_shear():
@@ -214,27 +158,22 @@ def test_attempt_that_backtracks_in_vain_ends():
 
 
 def test_kernels_are_shared():
-    """A law of another class needs no kernel beyond those of the first."""
-    first = len(cost.kernels.requested)
-    cost.two_blocks("quadrilateral", [cost.BOND, cost.RADIAL])
-    asked = cost.kernels.requested[first:]
-    half = len(asked) // 2
-    assert [k.name for k in asked[:half]] == [k.name for k in asked[half:]]
-    assert not any(k.lines for k in asked[half:])
+    """A law of another class needs no kernel beyond those of the first; a tie none of damage."""
+    mesh, cells, facets = layers("quadrilateral", (2, 4), (1.0, 2.0), 2)
 
+    def asked(law: vmdg.Law) -> list[tuple[str, int]]:
+        first, body = len(kernels.requested), vmdg.NeoHookean(E=1000.0, nu=0.3)
+        interface = vmdg.Interface(between=(1, 2), law=law)
+        problem = vmdg.Problem(mesh, cells, {1: body, 2: body}, [interface])
+        problem.dirichlet(facets.find(1), 0.0)
+        problem.dirichlet(facets.find(2), 1e-3)
+        vmdg.solve(problem, [1.0])
+        return [(kernel.name, kernel.lines) for kernel in kernels.requested[first:]]
 
-def test_ties_compile_no_damage():
-    """A tie asks for one traction, H and K a side, and for nothing that history would need."""
-    first = len(cost.kernels.requested)
-    cost.two_blocks("quadrilateral", [vmdg.Bonded()])
-    names = [k.name for k in cost.kernels.requested[first:]]
+    one = asked(vmdg.Debonding(strength=10.0, critical_gap=0.1, friction=0.3))
+    other = asked(vmdg.ExponentialDebonding(strength=10.0, fracture_energy=1.0))
+    assert other == [(name, 0) for name, _ in one]
+    names = [name for name, _ in asked(vmdg.Bonded())]
     assert names.count("bodies' tangent") == 1
     assert names.count("H") == names.count("K") == 2
     assert "energy" not in names
-
-
-def test_peak_memory():
-    """Measured in separate processes; the interface adds unknowns, not bodies."""
-    peaks = cost.peaks(2, 0.2)
-    assert peaks["plain"]["unknowns"] < peaks["vmdg"]["unknowns"]
-    assert np.isfinite([peak["MiB"] for peak in peaks.values()]).all()
