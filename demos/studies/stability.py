@@ -14,8 +14,7 @@ from mpi4py import MPI
 
 from parts.bars import progress
 from parts.options import run
-from parts.stability.families import numbers
-from parts.stability.runner import BAD, Outcome, chart, stress, table, write_csv
+from parts.stability.runner import BAD, Outcome, chart, numbers, stress, table, write_csv
 
 
 def main(

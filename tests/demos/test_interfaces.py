@@ -8,8 +8,7 @@ import interfaces
 import pytest
 from parts.interfaces import judges
 from parts.interfaces.scenes import View, draw
-from parts.stability.execution import execute
-from parts.stability.runner import stress
+from parts.stability.runner import execute, stress
 
 # Coarse meshes, and facets that others do not face.
 pytestmark = pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")

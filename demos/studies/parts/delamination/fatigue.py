@@ -24,7 +24,7 @@ BOND = vmdg.FatigueDebonding(
 A_0, OPENING = 50.8, 1.92
 
 #: The same beam without vmdg, one arm of rectangles in numpy and the law at its nodes, by
-#: parts/delamination/worn.py of commit c6a02cc: slope of the line of Paris, da/dN [mm] at `SHARE`
+#: the study `delamination` of commit c6a02cc: slope of the line of Paris, da/dN [mm] at `SHARE`
 #: on it, and cycles from 51.4 to 55.5 mm.
 WITHOUT_SLOPE, WITHOUT_SPEED, WITHOUT_CYCLES = 7.4389, 2.28232e-5, 278255.0
 

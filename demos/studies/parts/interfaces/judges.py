@@ -17,8 +17,7 @@ import numpy as np
 
 from parts.interfaces.scenes import WAYS, Scene, View, draw, turns
 from parts.stability.checks import Run
-from parts.stability.execution import execute
-from parts.stability.runner import Outcome
+from parts.stability.runner import Outcome, execute
 from parts.stability.scenes import Array, Case
 
 #: Ways that differ by rounding and by the residuals that are left, a thousandth of this.

@@ -8,14 +8,13 @@ has it in the limit.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 
 import vmdg
-from parts.stability.apart import joined
 from parts.stability.cases import E, choose, dimension, log_uniform, opening_scale, random_ogden
 from parts.stability.scenes import (
     Array,
@@ -30,7 +29,18 @@ from parts.stability.scenes import (
     legs,
     rotation,
 )
-from parts.stability.units import scaled_law
+
+#: Powers of (length, stress, load factor) of parameters of laws and materials; 0 of all others.
+POWERS = {
+    "strength": (0, 1, 0),
+    "normal_strength": (0, 1, 0),
+    "shear_strength": (0, 1, 0),
+    "critical_gap": (1, 0, 0),
+    "fracture_energy": (1, 1, 0),
+    "normal_energy": (1, 1, 0),
+    "shear_energy": (1, 1, 0),
+    "viscosity": (-1, 1, 1),
+}
 
 #: How the bodies meet; runs take turns.
 WAYS = ("matching", "separate", "kept gap", "sliding", "open")
@@ -260,6 +270,29 @@ class Scene:
             form={"residual": view.residual}
             | {name: value for name, value in self.form.items() if name != "symmetry"},
         )
+
+
+def scaled_law(law: vmdg.Law, units: Array) -> vmdg.Law:
+    """The law in other units; parameters that vary are functions of the place."""
+    changes = {}
+    for one in fields(law):
+        value, factor = getattr(law, one.name), np.prod(units ** POWERS.get(one.name, (0, 0, 0)))
+        if callable(value):
+            changes[one.name] = lambda x, f=value, factor=factor: factor * f(x / units[0])
+        elif factor != 1:
+            changes[one.name] = factor * value
+    return replace(law, **changes)
+
+
+def joined(first: Cells, second: Cells) -> Cells:
+    """Both, without common nodes."""
+    lines = zip(first.lines, second.lines, strict=True)
+    return Cells(
+        first.kind,
+        np.concatenate([first.nodes, second.nodes]),
+        np.concatenate([first.cells, second.cells + len(first.nodes)]),
+        tuple(np.unique(np.concatenate(pair)) for pair in lines),
+    )
 
 
 def random_body(rng: Generator, name: str, modulus: float, mean: bool) -> Body:

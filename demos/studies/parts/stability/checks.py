@@ -14,15 +14,14 @@ from inspect import signature
 
 from petsc4py import PETSc
 
+import basix
 import numpy as np
+import ufl
+from dolfinx import fem
 from numpy.typing import NDArray
 
 import vmdg
-import vmdg.problem.states
 from parts.stability.scenes import Array, Case
-from vmdg.domain.shapes import ShapeGradients
-from vmdg.laws.extrinsic import RadialLaw
-from vmdg.materials.plasticity import unpack
 
 EPS = np.finfo(float).eps
 
@@ -33,8 +32,8 @@ LOOSE, EXACT = 1e-6, 1e-6
 #: these coarse meshes.
 TURNED, MESH = 1e-5, 0.05
 
-#: Time in which bodies that depend on the rate do not flow [s].
-SUDDEN = 1e-15
+#: Laws whose resistance follows from the length of the gap.
+RADIAL = (vmdg.Debonding, vmdg.ExponentialDebonding, vmdg.Contact)
 
 #: Share of the bulk energy by which that of a finite deformation may differ from the quadratic form
 #: of its tangent.
@@ -64,7 +63,7 @@ class Record:
     softening: list[Array]
     gap: list[Array]
     traction: list[Array]
-    energy: vmdg.problem.states.Energy
+    energy: vmdg.Energy
     reactions: list[Array]
 
     @classmethod
@@ -80,7 +79,7 @@ class Record:
             [in_frame(state.gap, state.rotation) for state in states],
             [in_frame(state.traction, state.rotation) for state in states],
             problem.energy(),
-            [] if case.periodic else [problem.reaction(s.where) for s in case.supports],
+            [problem.reaction(s.where) for s in case.supports],
         )
 
 
@@ -147,7 +146,7 @@ class Run:
         new.loading.move(problem.t)
         if bodies := new.discretization.bodies.points:
             bodies.take(problem.discretization.bodies.points.state)
-        new.step.assemble_residual(SUDDEN, hold=True)
+        new.step.assemble_residual(hold=True)
         return new
 
     @property
@@ -222,7 +221,7 @@ def at_last_record(run: Run) -> list[str]:
 
 def equilibrium(run: Run) -> list[str]:
     """Forces of a new assembly vanish at free nodes, balance as a whole, and are those reported."""
-    if run.unsettled or run.case.motion:
+    if run.unsettled:
         return []
     new, limit = run.new, run.tolerance
     forces, d = new.discretization.forces.x.array, run.case.mesh.d
@@ -233,8 +232,7 @@ def equilibrium(run: Run) -> list[str]:
     if (off := np.abs(forces - run.problem.discretization.forces.x.array).max()) > limit:
         found.append(f"reported forces are off by {off:.2e} N")
     axes = slice(1, None) if run.case.symmetry else slice(None)
-    nodes = len(forces) // d - (d if run.case.periodic else 0)  # those of means are the last
-    total = (forces.reshape(-1, d)[:nodes].sum(axis=0) + run.case.load(run.problem.t))[axes]
+    total = (forces.reshape(-1, d).sum(axis=0) + run.case.load(run.problem.t))[axes]
     if (sum_ := np.abs(total).max()) > limit:
         found.append(f"forces add up to {sum_:.2e} N of {run.force:.2e} N")
     if _balances_moments(run.case):
@@ -263,15 +261,14 @@ def positive_volume(run: Run) -> list[str]:
     if run.case.kinematics == "small":
         return []
     problem, d = run.problem, run.case.mesh.d
-    mesh = problem.mesh
-    shapes = ShapeGradients(mesh, problem.discretization.geometry, run.case.degree)
-    cells = np.arange(mesh.topology.index_map(d).size_local, dtype=np.int32)
-    gradients, _ = shapes.in_cells(cells)
-    u = problem.u.x.array.reshape(-1, d)[problem.space.dofmap.list[cells]]
-    F = np.eye(d) + np.einsum("cqna,cni->cqia", gradients[..., :d], u)
-    J = np.linalg.det(F)
+    cell = problem.mesh.basix_cell()
+    points, _ = basix.make_quadrature(cell, 2 * run.case.degree + 1)
+    F = ufl.Identity(d) + ufl.grad(problem.u)
+    volume = ufl.det(F)
     if run.case.symmetry:
-        J = J * (1 + np.einsum("cqn,cn->cq", gradients[..., d], u[..., 0]))
+        volume *= 1 + problem.u[0] / ufl.SpatialCoordinate(problem.mesh)[0]
+    cells = np.arange(problem.mesh.topology.index_map(d).size_local, dtype=np.int32)
+    J = fem.Expression(volume, points).eval(problem.mesh, cells)
     return [f"det F = {J.min():.2e}"] * bool(J.min() <= 0)
 
 
@@ -436,48 +433,16 @@ def irreversible(run: Run) -> list[str]:
     return found[:1]
 
 
-def yielding(run: Run) -> list[str]:
-    """No point of a plastic body is beyond its yield surface, but for what its rate carries."""
-    bodies = run.problem.discretization.bodies.points
-    if bodies is None or run.unsettled:
-        return []
-    found, F = [], bodies.deformation(run.problem.u)
-    for tag, material in bodies.materials.items():
-        state = run.problem.body_state(tag)
-        tau, history = state.stress, state.history
-        own, F = np.split(F, [len(tau)])
-        if run.case.kinematics == "finite":
-            tau = tau @ own.transpose(0, 2, 1)
-            if run.case.eigenstrain:  # per volume of the body without stress
-                strain = run.case.eigenstrain.get(tag, lambda t: np.zeros((3, 3)))(run.problem.t)
-                tau = tau / np.linalg.det(np.eye(3) + strain)
-        alpha, given = history["alpha"], material.numbers
-        p = np.trace(tau, axis1=1, axis2=2) / 3
-        s = tau - p[:, None, None] * np.eye(3)
-        if isinstance(material, vmdg.DruckerPrager):
-            size = np.sqrt((s**2).sum(axis=(1, 2)) / 2) + material.eta * p
-            allowed = material.xi * material.cohesion(alpha)
-        else:
-            strain = unpack(history["back strain" if given["recovery"] else "plastic strain"])
-            xi = s - 2 / 3 * given["kinematic"] * strain
-            size = np.sqrt(1.5 * (xi**2).sum(axis=(1, 2)))
-            allowed = material.yield_stress(alpha)[0] if not given["rate"] else size
-        over = (size - allowed) / (np.abs(allowed) + EPS * _confined(material))
-        if over.max() > 1e-8:
-            found.append(f"stress is {over.max():.1e} beyond the yield surface")
-    return found
-
-
 def damage_energy(run: Run) -> list[str]:
     """Damage has taken from the bond what its softening says, whatever the path was.
 
     With unloading to the origin the bond still stores half of R times the largest gap.
     """
     bonds = [each for each in zip(run.laws, run.problem.state, strict=True) if each[0].inelastic]
-    if not all(isinstance(law, RadialLaw) for law, _ in bonds):
+    if not all(isinstance(law, RADIAL) for law, _ in bonds):
         return []
 
-    def lost(law: RadialLaw, Q: Array) -> Array:
+    def lost(law: vmdg.Law, Q: Array) -> Array:
         whole = law.strength + 0 * Q
         with np.errstate(invalid="ignore"):  # of an exponential bond that is gone
             stored = np.nan_to_num((whole - Q) * law.slip_to(whole, whole - Q)) / 2
@@ -504,10 +469,8 @@ def energy_balance(run: Run) -> list[str]:
     work differs by less than that times the displacement. Steps over a jump also have the work of
     the jump, and so, to a small fraction, has a step at constant load, which relaxes. What the
     curvature of the path adds to the work of a step is known with the next one. Energies are known
-    no better than the rounding of W. Those of motions are judged with them.
+    no better than the rounding of W.
     """
-    if run.case.motion:
-        return []
     found = []
     rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d
     borne = sum(
@@ -637,7 +600,6 @@ CHECKS: tuple[Callable[[Run], list[str]], ...] = (
     positive_volume,
     admissible,
     irreversible,
-    yielding,
     damage_energy,
     energy_balance,
     coercive,

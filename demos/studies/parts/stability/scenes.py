@@ -24,10 +24,8 @@ from numpy.typing import NDArray
 
 import vmdg
 from parts.coercivity.cells import grid
-from vmdg.assembly.values import Value
-from vmdg.domain.topology import facet_cells
-from vmdg.meshes.partition import cell_partitioner
-from vmdg.points.interface import StabilizationRule
+from parts.topology import facet_cells
+from vmdg.meshes import cell_partitioner
 
 if TYPE_CHECKING:
     from parts.stability.checks import Run
@@ -196,7 +194,6 @@ class Bond:
             cells.
         opens_at: Traction relative to the strength at which facets open on demand; None where all
             are open from the start.
-        initial_damage: As for :class:`vmdg.Interface`.
         slides: Whether its surfaces slide, which share no nodes.
         gap: As for :class:`vmdg.Interface`.
         surfaces: Nodes of the surfaces (n,) of two bodies that share none, side 1 first, in place
@@ -207,7 +204,6 @@ class Bond:
     between: tuple[int, int] | None = None
     facets: Callable[[Array, NDArray[np.int32]], NDArray[np.bool_]] | None = None
     opens_at: float | None = None
-    initial_damage: Callable[[Array], Array] | None = None
     slides: bool = False
     gap: str | None = None
     surfaces: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
@@ -224,23 +220,8 @@ class Support:
     """
 
     where: Predicate
-    value: Value
+    value: Any
     component: int | None = None
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A motion in time.
-
-    Attributes:
-        density: By tag [t/mm3].
-        velocity: At the start, of positions (3, n) [mm/s].
-        scheme: As for :func:`vmdg.solve_dynamics`.
-    """
-
-    density: Mapping[int, float]
-    velocity: Callable[[Array], Array]
-    scheme: vmdg.GeneralizedAlpha | vmdg.CentralDifferences
 
 
 @dataclass(frozen=True)
@@ -266,8 +247,6 @@ class Case:
         unchanged_from: Load factor from which on all that happens is a rigid motion.
         options: Of the run.
         eigenstrain: As for :class:`vmdg.Problem`.
-        periodic: As there; without supports.
-        motion: A motion, whose times are the load factors; None for equilibrium.
         judge: Compares all rows of a run with an independent solution; says what is wrong.
         form: More options of :class:`vmdg.Problem`.
     """
@@ -289,9 +268,7 @@ class Case:
     must_refuse: bool = False
     unchanged_from: float | None = None
     options: vmdg.SolveOptions = field(default_factory=vmdg.SolveOptions)
-    eigenstrain: Mapping[int, Value] | None = None
-    periodic: vmdg.Periodic | None = None
-    motion: Motion | None = None
+    eigenstrain: Mapping[int, Any] | None = None
     judge: Callable[[Run], list[str]] | None = None
     form: Mapping[str, Any] = field(default_factory=dict)
 
@@ -306,7 +283,7 @@ class Case:
 
     def problem(
         self,
-        stabilizations: tuple[StabilizationRule | None, ...] | None = None,
+        stabilizations: tuple[Callable | None, ...] | None = None,
         opened: tuple[NDArray[np.int32] | None, ...] | None = None,
         comm: MPI.Comm = MPI.COMM_SELF,
     ) -> vmdg.Problem:
@@ -338,8 +315,7 @@ class Case:
             turns = self.kinematics == "finite" or bond.slides
             frame = "corotating" if turns else "reference"
             options = {"law": bond.law, "frame": frame, "stabilization": own}
-            options |= {"initial_damage": bond.initial_damage, "sliding": bond.slides}
-            options |= {"gap": bond.gap}
+            options |= {"sliding": bond.slides, "gap": bond.gap}
             if bond.surfaces is not None:
                 options["surfaces"] = tuple(facets_of(dolfinx_mesh, on) for on in bond.surfaces)
             if bond.opens_at is not None and open_ is None:
@@ -357,8 +333,6 @@ class Case:
             self.kinematics,
             symmetry=self.symmetry,
             eigenstrain=self.eigenstrain,
-            periodic=self.periodic,
-            density=self.motion and self.motion.density,
             **self.form,
         )
         for support in self.supports:
