@@ -39,10 +39,8 @@ COMMANDS = {
     "weak_links": ("weak_links", "weak_links.png"),
     "measured_beam": ("measured_beam", "measured_beam.png"),
     "measured_images": ("measured_images", "measured_images.png"),
-    "measured_modes": ("measured_modes", "measured_modes.png"),
     "measured_pushout": ("measured_pushout", "measured_pushout.png measured_pushout.md"),
     "bridged_dcb": ("bridged_dcb", "bridged_dcb.png bridged_dcb.md"),
-    "identification": ("identification", "identification.md"),
     "lap_joint": ("lap_joint", "lap_joint.png"),
     "push_through": ("push_through", "push_through.png"),
     "ironing": ("ironing", "ironing.png"),
@@ -149,13 +147,6 @@ TABLES = {
         "Delamination tests",
         "Tests of the literature against published values and corrected beam theory, with default "
         "options.",
-    ),
-    "identification.md": (
-        "Parameters from a curve",
-        "Strength and energy of a bond from 16 points of the curve of a double cantilever beam, "
-        "truth 20 MPa and 0.3 N/mm: runs, processor time, and whether the search ended within 1 % "
-        "of the least cost and half a standard error of its parameters. Runs of vmdg.identify "
-        "carry derivatives.",
     ),
     "stability.md": (
         "Random stress runs",

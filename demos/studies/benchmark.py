@@ -3,10 +3,10 @@
 Parts, one or several by name: "precision" draws error against unknowns and processor time, "intact"
 lists errors of intact interfaces where they differ most from those of plain elements, "ratio"
 compares one Newton iteration, "plastic" those of plastic and elastic bodies, "separate" those of
-bodies meshed separately and together, "explicit" times steps in time, "derivatives" runs that carry
-derivatives by parameters, "peers" runs two scenes that other codes were given. Seconds are
-processor time of warm runs on one core, the least of some; whatever is compared takes turns in one
-process. On one rank, but "ratio" and "explicit", which on several tell the times of the slowest.
+bodies meshed separately and together, "explicit" times steps in time, "peers" runs two scenes that
+other codes were given. Seconds are processor time of warm runs on one core, the least of some;
+whatever is compared takes turns in one process. On one rank, but "ratio" and "explicit", which on
+several tell the times of the slowest.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from mpi4py import MPI
 from matplotlib.figure import Figure
 from parts.bars import progress
 from parts.benchmark import (
-    derivatives,
     explicit,
     intact,
     peers,
@@ -118,13 +117,6 @@ def explicit_part(coarse: bool, repeats: int) -> Outcome:
     return costs + large, text, None
 
 
-def derivatives_part(coarse: bool, repeats: int) -> Outcome:
-    """Runs with and without derivatives."""
-    cases = [(kind, 6 if coarse else 24, repeats) for kind in ("small", "finite")]
-    costs = [derivatives.measure(*case) for case in progress(cases, "case")]
-    return costs, table(derivatives.HEAD, [cost.row() for cost in costs]), None
-
-
 def peers_part(coarse: bool, repeats: int) -> Outcome:
     """P1 and P2, and the shear of a sliding interface."""
     if coarse:
@@ -148,7 +140,6 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "plastic": plastic_part,
     "separate": separate_part,
     "explicit": explicit_part,
-    "derivatives": derivatives_part,
     "peers": peers_part,
 }
 
@@ -163,8 +154,8 @@ def main(
     """Run parts; what each has found by name.
 
     Args:
-        parts: Some of precision, intact, ratio, plastic, separate, explicit, derivatives and
-            peers; all without any.
+        parts: Some of precision, intact, ratio, plastic, separate, explicit and peers; all
+            without any.
         coarse: Small meshes.
         repeats: Runs, of which the fastest counts.
         out: Folder for tables and pictures.

@@ -85,15 +85,6 @@ def test_separate_meshes_have_equal_sizes(out):
         assert row.pairs > 1.5, row.name
 
 
-def test_derivatives_are_carried(out):
-    """A beam with few facets at small and finite strain."""
-    costs = benchmark.main(["derivatives"], coarse=True, repeats=1, out=str(out))["derivatives"]
-    assert [row.kinematics for row in costs] == ["small", "finite"]
-    for row in costs:
-        assert row.rows >= 15
-        assert 0 < row.more("two") < row.more("eight"), row
-
-
 def test_cracked_plate(out):
     """P1 in 40 steps: peak within 1%, work within .5%, few corrections.
 

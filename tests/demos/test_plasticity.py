@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import plasticity
 import pytest
-from parts.plasticity import arms, notched, peel, shells
+from parts.plasticity import arms, notched, shells
 
 
 def rows_of(case, comm, out):
@@ -119,29 +119,6 @@ def test_arms(comm, out):
     (row,) = rows_of("arms", comm, out).values()
     assert abs(row.error) < 0.01
     assert row.reference < 0.8 * arms.elastic_moment()
-
-
-def test_peel(comm, out):
-    """The moment that peels a plastic strip is that of elementary bending, as is its work, a part
-    of which bends it a little more whenever a facet breaks."""
-    moment, work, flow = rows_of("peel", comm, out).values()
-    assert abs(moment.error) < 3e-3
-    assert abs(work.error) < 0.03
-    assert abs(flow.error) < 0.2
-
-
-def test_theory_of_peeling():
-    """G_c = int K dM up to the moment; the work is that of the bond, what is stored, and flow."""
-    for eta in (0.5, 1.5, 2.5, 3.5):
-        t, found = peel.thickness_of(eta), peel.theory(eta)
-        k = np.linspace(0.0, 20.0, 400001)
-        soft = (1 - peel.ALPHA) * (1.5 - 0.5 / np.maximum(k, 1.0) ** 2) + peel.ALPHA * k
-        M, K = np.where(k < 1, k, soft) * peel.Y * t**2 / 6, 2 * peel.Y * k / (peel.E * t)
-        end = np.searchsorted(M, found.moment) + 1
-        assert np.trapezoid(K[:end], M[:end]) == pytest.approx(peel.G_C, rel=1e-3)
-        assert found.work * peel.G_C == pytest.approx(M[end] * K[end], rel=1e-3)
-    assert peel.theory(0.99).work == pytest.approx(peel.theory(1.01).work, rel=1e-3)
-    assert peel.theory(1.01).flow == pytest.approx(0.0, abs=1e-3)
 
 
 def test_unknown_case():

@@ -8,7 +8,7 @@ from math import log2
 import matplotlib.pyplot as plt
 import numpy as np
 
-from parts.plasticity import arms, membrane, necking, notched, peel, shells
+from parts.plasticity import arms, membrane, necking, notched, shells
 from parts.plasticity.rows import Row
 
 Drawing = Callable[[plt.Axes], None]
@@ -141,11 +141,6 @@ def opened(coarse: bool) -> Result:
     return rows, {"Plastic arms bent apart": draw}
 
 
-def peeled(coarse: bool) -> Result:
-    """Strips that moments peel off rigid ground."""
-    return peel.peels(coarse), {}
-
-
 CASES: dict[str, Callable[[bool], Result]] = {
     "necking": bar,
     "notched": tear,
@@ -153,5 +148,4 @@ CASES: dict[str, Callable[[bool], Result]] = {
     "shells": tubes,
     "inclusion": void,
     "arms": opened,
-    "peel": peeled,
 }

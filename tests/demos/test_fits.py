@@ -1,28 +1,14 @@
-"""All parameters of a mixed-mode law from three noisy curves, at a coarse size."""
+"""Fits to a published curve of a beam and to the forces of the push-out, at coarse sizes."""
 
 from __future__ import annotations
 
 from mpi4py import MPI
 
-import numpy as np
 import pytest
 
 pytestmark = pytest.mark.skipif(
     MPI.COMM_WORLD.size > 1, reason="tests of identify have its runs on several ranks"
 )
-
-
-def test_measured_modes(comm, out):
-    """Energies are found within 5 %, strengths and exponent within 25 %; the picture is drawn."""
-    import measured_modes as demo
-
-    found = demo.main(noise=0.005, points=5, facet=3.0, off=0.05, out=str(out))
-    assert found.converged
-    for name, value in demo.TRUTH.items():
-        most = 0.05 if "energy" in name else 0.25
-        assert abs(np.log(found.estimate[name] / value)) < most, name
-    if comm.rank == 0:
-        assert (out / "measured_modes.png").stat().st_size > 10_000
 
 
 # A published curve of a real beam is not met to the noise, and the facets are coarse: said so.
