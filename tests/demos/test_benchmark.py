@@ -8,16 +8,12 @@ import benchmark
 import numpy as np
 import pytest
 import two_inclusions
-import ufl
-from dolfinx import fem
 from parts import two_inclusions as inclusions
 from parts.benchmark import peers, precision
 from parts.benchmark.common import layers
 from support.budgets import over_budget
-from support.checks import integral
 
 import vmdg
-from vmdg import meshes
 from vmdg.base import kernels
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="measured on one rank")
@@ -108,20 +104,6 @@ def test_sliding_shear():
     shear, limit = peers.sliding_shear(0.3)
     assert limit > 1
     assert shear == pytest.approx(limit, rel=1e-8)
-
-
-def test_mesh_of_inclusions(comm):
-    """Two half discs: their area to second order in h, and discs that make no sense refused."""
-    mesh, cells, facets = meshes.inclusions(comm, element_size=0.05, interface_size=0.03)
-    one = fem.Constant(mesh, 1.0)
-    dx, ds = ufl.dx(mesh, subdomain_data=cells), ufl.ds(mesh, subdomain_data=facets)
-    area, left = (integral(comm, one * part) for part in (dx(2), ds(1)))
-    assert area == pytest.approx(np.pi * 0.25**2, rel=3e-3)
-    assert left == pytest.approx(0.5)
-    with pytest.raises(ValueError, match="touch"):
-        meshes.inclusions(comm, radius=0.3)
-    with pytest.raises(ValueError, match="outside"):
-        meshes.inclusions(comm, centres=[(2.0, 0.0)])
 
 
 def test_two_inclusions(out):

@@ -18,16 +18,18 @@ from typing import Any
 
 from mpi4py import MPI
 
+import gmsh
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import vmdg
-from vmdg.meshes import inclusions
-from vmdg.meshes.inclusions import INCLUSION, LEFT, MATRIX, RIGHT
+from vmdg.meshes import TaggedMesh, distribute, model
 from vmdg.plot import stress
 
+WIDTH, HEIGHT, RADIUS, CENTRES = 1.0, 0.5, 0.25, ((0.4, 0.0), (0.6, 0.5))  # mm
+MATRIX, INCLUSION, LEFT, RIGHT = 1, 2, 1, 2
 MATERIALS = {
     MATRIX: vmdg.NeoHookean(E=3090.0, nu=0.25),
     INCLUSION: vmdg.NeoHookean(E=10000.0, nu=0.4),
@@ -47,11 +49,41 @@ LAWS = {
 }
 
 
+def make_mesh(element_size: float, order: int = 1, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
+    """The rectangle and its half discs in triangles, curved by ``order`` 2."""
+    with model("inclusions") as gmsh_model:
+        if comm.rank == 0:
+            _generate(gmsh_model, element_size)
+            gmsh_model.mesh.setOrder(order)
+        return distribute(gmsh_model, comm, 2)
+
+
+def _generate(gmsh_model: Any, element_size: float) -> None:
+    occ = gmsh_model.occ
+    box = (2, occ.addRectangle(0, 0, 0, WIDTH, HEIGHT))
+    whole = [(2, occ.addDisk(x, y, 0, RADIUS, RADIUS)) for x, y in CENTRES]
+    inside, _ = occ.intersect(whole, [box], removeTool=False)
+    faces, pieces = occ.fragment([box], inside)
+    occ.synchronize()
+    discs = sorted({tag for piece in pieces[1:] for _, tag in piece})
+    gmsh_model.addPhysicalGroup(2, sorted({tag for _, tag in faces} - set(discs)), MATRIX)
+    gmsh_model.addPhysicalGroup(2, discs, INCLUSION)
+    for tag, x in ((LEFT, 0.0), (RIGHT, WIDTH)):
+        found = gmsh_model.getEntitiesInBoundingBox(x - 1e-6, -1, -1, x + 1e-6, 1, 1, 1)
+        gmsh_model.addPhysicalGroup(1, [line for _, line in found], tag)
+    size = gmsh_model.mesh.field.add("MathEval")
+    gmsh_model.mesh.field.setString(size, "F", f"{element_size}")
+    gmsh_model.mesh.field.setAsBackgroundMesh(size)
+    for source in ("ExtendFromBoundary", "FromPoints"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{source}", 0)
+    gmsh_model.mesh.generate(2)
+
+
 def build(
     law: vmdg.Law, degree: int, element_size: float
 ) -> tuple[vmdg.Problem, NDArray[np.int32]]:
     """The problem, its load factor the displacement of the right side [mm], and that side."""
-    mesh, cell_tags, facet_tags = inclusions(element_size=element_size, order=degree)
+    mesh, cell_tags, facet_tags = make_mesh(element_size, degree)
     interface = vmdg.Interface(between=(MATRIX, INCLUSION), law=law)
     problem = vmdg.Problem(
         mesh, cell_tags, MATERIALS, [interface], degree=degree, kinematics="small"
