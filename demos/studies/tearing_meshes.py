@@ -27,17 +27,11 @@ PROFILES = {"neo-hookean": (0.026, 0.10, 0.14), "ogden": (0.04, 0.10, 0.19)}
 
 
 class Run(NamedTuple):
-    """The history of a run, and profiles along x: rows (x, value) [mm].
+    """The history of a run, and profiles along x: rows (x, value) [mm]."""
 
-    Attributes:
-        history: History of the run.
-        gap: Opening along y at the nodes of the plates, by strain.
-        fine_scales: Fine scales along the bond, by strain.
-    """
-
-    history: vmdg.History
-    gap: dict[float, NDArray[np.float64]]
-    fine_scales: dict[float, NDArray[np.float64]]
+    history: vmdg.History  # History of the run
+    gap: dict[float, NDArray[np.float64]]  # Opening along y at the nodes of the plates, by strain
+    fine_scales: dict[float, NDArray[np.float64]]  # Fine scales along the bond, by strain
 
 
 def gap_profile(problem: vmdg.Problem) -> NDArray[np.float64]:

@@ -10,11 +10,5 @@ from vmdg.output.bar import interval
 
 
 def progress(items: Iterable, unit: str, shown: bool = True) -> tqdm:
-    """The items with a bar, which writes a line now and then where the output is a file.
-
-    Args:
-        items: What is gone through.
-        unit: What one of them is.
-        shown: Whether this rank shows it.
-    """
+    """The items with a bar, which writes a line now and then where the output is a file."""
     return tqdm(items, unit=unit, mininterval=interval(), disable=not shown)

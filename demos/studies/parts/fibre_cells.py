@@ -36,23 +36,14 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Study:
-    """Runs that differ in the places of the fibres and in the direction of the mean strain.
+    """Runs that differ in the places of the fibres and in the direction of the mean strain."""
 
-    Attributes:
-        folder: For strengths and histories.
-        fibres: Number of fibres.
-        fraction: Share of the area that they have.
-        friction: Of surfaces that have parted.
-        cells: Along the radius of a fibre.
-        loads: Sizes of the mean strain (n,).
-    """
-
-    folder: Path
-    fibres: int
-    fraction: float
-    friction: float
-    cells: float
-    loads: NDArray[np.float64]
+    folder: Path  # For strengths and histories
+    fibres: int  # Number of fibres
+    fraction: float  # Share of the area that they have
+    friction: float  # Of surfaces that have parted
+    cells: float  # Along the radius of a fibre
+    loads: NDArray[np.float64]  # Sizes of the mean strain (n,)
 
     @property
     def table(self) -> Table:

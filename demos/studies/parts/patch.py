@@ -33,8 +33,6 @@ class Snapshots:
     """A column of pictures of sigma_xx on the deformed side, one for each chosen load.
 
     Args:
-        tagged: Its mesh.
-        titles: Title by load factor.
         limits: Of the colours [MPa].
     """
 

@@ -38,25 +38,15 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Study:
-    """Runs that differ in the places and orientations of the grains.
+    """Runs that differ in the places and orientations of the grains."""
 
-    Attributes:
-        folder: For the table and histories.
-        dimension: 2 or 3.
-        grains: Their number.
-        spread: Of their sizes.
-        cells: Along the mean size of a grain.
-        loads: Mean strains (n,).
-        trace: Follow the path back at a snap, or else jump.
-    """
-
-    folder: Path
-    dimension: int
-    grains: int
-    spread: float
-    cells: float
-    loads: NDArray[np.float64]
-    trace: bool
+    folder: Path  # For the table and histories
+    dimension: int  # 2 or 3
+    grains: int  # Their number
+    spread: float  # Of their sizes
+    cells: float  # Along the mean size of a grain
+    loads: NDArray[np.float64]  # Mean strains (n,)
+    trace: bool  # Follow the path back at a snap, or else jump
 
     @property
     def table(self) -> Table:

@@ -93,7 +93,6 @@ def describe(runs: dict[str, vmdg.History], name: str = "run") -> str:
     """Table of the numbers of section 7.4, one row per run.
 
     Args:
-        runs: Histories by label.
         name: Name of what differs between runs.
     """
     head = [
@@ -122,11 +121,8 @@ def studied(
     """One run of the example per value, a table and a picture of all; the histories by label.
 
     Args:
-        study: Name of the study.
-        values: Values of what it changes.
         out: Folder for table and picture; every run has a folder in it.
         refine: Factor on all counts of cells [-].
-        steps: Load steps of the punch.
         end: Travel of the punch [mm].
         resume: Continue from the last checkpoint of every run.
     """

@@ -14,17 +14,11 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of numbers in a file: a study continues where it was stopped.
+    """Rows of numbers in a file: a study continues where it was stopped."""
 
-    Attributes:
-        file: With one line a run, of all studies in this folder.
-        key: What the runs of this study have in common, by column.
-        columns: What a run adds, by name; the first ones tell which run it is.
-    """
-
-    file: Path
-    key: dict[str, float]
-    columns: tuple[str, ...]
+    file: Path  # With one line a run, of all studies in this folder
+    key: dict[str, float]  # What the runs of this study have in common, by column
+    columns: tuple[str, ...]  # What a run adds, by name; the first ones tell which run it is
 
     def read(self) -> NDArray[np.float64]:
         """Rows of this study without its key, ordered by their columns (n, m)."""
@@ -54,7 +48,6 @@ def shared(runs: Sequence[tuple[float, ...]], several: bool) -> tuple[list, MPI.
     """The runs of this rank and its communicator: one run by all ranks, several shared by them.
 
     Args:
-        runs: All that are left.
         several: Whether the study has more than one run.
     """
     world = MPI.COMM_WORLD

@@ -14,7 +14,6 @@ def markdown(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
     """A Markdown table.
 
     Args:
-        head: Titles of the columns.
         rows: Cells of every line, as they are to be shown.
     """
     first, *others = (f"| {' | '.join(map(str, cells))} |" for cells in [head, *rows])

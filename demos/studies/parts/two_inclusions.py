@@ -96,17 +96,11 @@ def build(
 
 @dataclass(frozen=True)
 class Run:
-    """A run to the end.
+    """A run to the end."""
 
-    Attributes:
-        problem: In its last state.
-        history: With "force" [N].
-        seconds: Processor time of the load steps [s].
-    """
-
-    problem: vmdg.Problem
-    history: vmdg.History
-    seconds: float
+    problem: vmdg.Problem  # In its last state
+    history: vmdg.History  # With "force" [N]
+    seconds: float  # Processor time of the load steps [s]
 
     @property
     def slope(self) -> float:
@@ -125,11 +119,7 @@ def pull(law: vmdg.Law, degree: int, element_size: float, steps: int, **options:
     """Pull to the end, or a tie by the first step only, which shows its slope.
 
     Args:
-        law: Of the interface.
-        degree: Of displacement and sides.
         element_size: [mm].
-        steps: Load steps.
-        options: Further ones of :class:`vmdg.SolveOptions`.
     """
     problem, right = build(law, degree, element_size)
     problem.discretization.compile()

@@ -34,8 +34,6 @@ class Plain:
 
     Args:
         tagged: Mesh and tags of the bodies.
-        materials: Material of every tag.
-        degree: Of the displacement.
         springs: Stiffness K [MPa/mm] with which the bodies are tied, T = K g; None for a continuous
             displacement.
         loads: Body force of every tag [N/mm3].
@@ -146,11 +144,9 @@ class Plain:
         """Newton's method from the present displacement, on one rank.
 
         Args:
-            options: Of the linear solver.
             tolerance: Of the residual relative to all forces on prescribed dofs.
             given: Displacement of the prescribed dofs, to which the first correction moves them;
                 None leaves them where they are [mm].
-            most: Iterations.
 
         Raises:
             RuntimeError: it does not converge.

@@ -29,23 +29,14 @@ LAWS = {
 
 @dataclass(frozen=True)
 class Cost:
-    """Processor time of steps.
+    """Processor time of steps."""
 
-    Attributes:
-        cell: Type of the cells.
-        kinematics: As for :class:`vmdg.Problem`.
-        law: Name of the law.
-        cells: Their number.
-        seconds: Of a step.
-        softening: Share of the points whose bond softens.
-    """
-
-    cell: str
-    kinematics: str
-    law: str
-    cells: int
-    seconds: float
-    softening: float
+    cell: str  # Type of the cells
+    kinematics: str  # As for :class:`vmdg.Problem`
+    law: str  # Name of the law
+    cells: int  # Their number
+    seconds: float  # Of a step
+    softening: float  # Share of the points whose bond softens
 
     def row(self) -> tuple:
         """Of the table below ``HEAD``."""
@@ -62,11 +53,6 @@ def measure(cell: str, n: int, kinematics: str, law: str, steps: int, repeats: i
     """Time steps of a body of two cubes of ``n`` cells an edge.
 
     Args:
-        cell: Type of the cells.
-        n: Cells along an edge.
-        kinematics: As for :class:`vmdg.Problem`.
-        law: One of ``LAWS``.
-        steps: Steps between two rows.
         repeats: Rows, of which the fastest counts.
     """
     d = DIMENSION[cell]

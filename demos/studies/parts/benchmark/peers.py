@@ -28,27 +28,16 @@ STRENGTH, CRITICAL_GAP = 20.0, 0.02  # MPa, mm
 
 @dataclass(frozen=True)
 class Scene:
-    """One of the two problems.
+    """One of the two problems."""
 
-    Attributes:
-        name: "P1" or "P2".
-        cell: Of the mesh.
-        divisions: Cells in every direction, both bodies together.
-        sizes: [mm].
-        crack: Length of the first direction that is cracked already [mm].
-        end: Last displacement of the top [mm].
-        slope: Bonded, on this mesh [N/mm].
-        peak: Largest force [N].
-    """
-
-    name: str
-    cell: str
-    divisions: tuple[int, ...]
-    sizes: tuple[float, ...]
-    crack: float
-    end: float
-    slope: float
-    peak: float
+    name: str  # "P1" or "P2"
+    cell: str  # Of the mesh
+    divisions: tuple[int, ...]  # Cells in every direction, both bodies together
+    sizes: tuple[float, ...]  # [mm]
+    crack: float  # Length of the first direction that is cracked already [mm]
+    end: float  # Last displacement of the top [mm]
+    slope: float  # Bonded, on this mesh [N/mm]
+    peak: float  # Largest force [N]
 
     @property
     def area(self) -> float:
@@ -68,14 +57,7 @@ P2 = Scene("P2", "hexahedron", (10, 10, 20), (1.0, 1.0, 2.0), 0.0, 0.06, 2067.54
 def build(
     scene: Scene, law: vmdg.Law, kinematics: str = "small", **options
 ) -> tuple[vmdg.Problem, NDArray[np.int32]]:
-    """The problem, its load factor the displacement of the top [mm], and the facets of the top.
-
-    Args:
-        scene: P1 or P2.
-        law: Of the bond.
-        kinematics: "small" or "finite".
-        options: Of the interface.
-    """
+    """The problem, its load factor the displacement of the top [mm], and the facets of the top."""
     below = scene.divisions[-1] // 2
     mesh, cell_tags, facet_tags = layers(scene.cell, scene.divisions, scene.sizes, below)
     d, pairs = mesh.geometry.dim, facet_cells(mesh)
@@ -103,10 +85,6 @@ def loads(scene: Scene, steps: int) -> NDArray[np.float64]:
     at some displacement D. One step to D/100 gives the slope; most of the others lie evenly between
     D/2 and 5 D/4, where the force is largest, the others up to one and a half critical gaps. The
     last one goes to the end.
-
-    Args:
-        scene: P1 or P2.
-        steps: How many.
     """
     D = STRENGTH * scene.area / scene.slope
     near = np.linspace(D / 2, 1.25 * D, steps * 5 // 8)
@@ -116,21 +94,13 @@ def loads(scene: Scene, steps: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run gave.
+    """What a run gave."""
 
-    Attributes:
-        scene: P1 or P2.
-        history: With "force" [N] and the energies.
-        seconds: Processor time of the load steps [s].
-        counts: Work done in them.
-        size: Number of unknowns.
-    """
-
-    scene: Scene
-    history: vmdg.History
-    seconds: float
-    counts: Counts
-    size: int
+    scene: Scene  # P1 or P2
+    history: vmdg.History  # With "force" [N] and the energies
+    seconds: float  # Processor time of the load steps [s]
+    counts: Counts  # Work done in them
+    size: int  # Number of unknowns
 
     @property
     def slope_error(self) -> float:
@@ -164,11 +134,7 @@ def run(
     """Run a scene, several times for its least processor time.
 
     Args:
-        scene: P1 or P2.
-        steps: Load steps.
         even: Of equal size, as the peers were given.
-        kinematics: "small" or "finite".
-        repeats: How often.
     """
     law = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP)
     least = np.inf
@@ -239,7 +205,6 @@ def sliding_shear(friction: float = 0.3, pressure: float = 10.0) -> tuple[float,
     sideways.
 
     Args:
-        friction: mu.
         pressure: About [MPa].
     """
     mesh, cell_tags, facet_tags = layers("quadrilateral", (8, 16), (1.0, 2.0), 8)

@@ -61,23 +61,15 @@ def points_a_second(material: vmdg.PointMaterial, small: bool, repeats: int) -> 
 
 @dataclass(frozen=True)
 class Cost:
-    """Processor times of the parts of an iteration [s].
+    """Processor times of the parts of an iteration [s]."""
 
-    Attributes:
-        name: Kinematics, bodies and solver.
-        times: Of "elastic" and "plastic", by part.
-        efforts: Krylov iterations of the linear solves, or operations of direct ones [1e9].
-        points: Of the return maps, within "residual" of "plastic".
-        size: Number of unknowns.
-        flowing: Share of the points that flow.
-    """
-
-    name: str
-    times: dict[str, dict[str, float]]
+    name: str  # Kinematics, bodies and solver
+    times: dict[str, dict[str, float]]  # Of "elastic" and "plastic", by part
+    # Krylov iterations of the linear solves, or operations of direct ones [1e9]
     efforts: tuple[float, float]
-    points: float
-    size: int
-    flowing: float
+    points: float  # Of the return maps, within "residual" of "plastic"
+    size: int  # Number of unknowns
+    flowing: float  # Share of the points that flow
 
     @property
     def totals(self) -> tuple[float, float]:
@@ -107,11 +99,8 @@ def measure(small: bool, direct: bool, n: int, repeats: int, tied: bool = True) 
     """One row of the table: hexahedra of degree 2.
 
     Args:
-        small: Small-strain kinematics.
         direct: MUMPS instead of a Krylov solver with GAMG.
-        n: Cells along an edge.
         repeats: The least of so many iterations.
-        tied: Whether there is an interface.
     """
     named: dict[str, dict[str, Callable]] = {}
     problems: dict[str, vmdg.Problem] = {}

@@ -48,27 +48,18 @@ STEPS = ("residual", "tangent", "boundary", "solve")
 
 @dataclass(frozen=True)
 class Ratio:
-    """Processor times of the parts of an iteration [s] and the counts that explain them.
+    """Processor times of the parts of an iteration [s] and the counts that explain them."""
 
-    Attributes:
-        name: Dimension, state of the interface and solver.
-        times: Of "plain" and "vmdg", by part, on the slowest rank; with multigrid also of
-            "rebuilt", plain finite elements whose interpolation is rebuilt in every iteration,
-            as PETSc does by itself.
-        sizes: Numbers of unknowns.
-        entries: Nonzero entries of the matrices.
-        efforts: Krylov iterations of the linear solves, or operations of direct ones [1e9].
-        active: Share of the interface's points that are damaged or slide.
-        step: Processor time for the stabilization of one load step of vmdg [s].
-    """
-
-    name: str
+    name: str  # Dimension, state of the interface and solver
+    # Of "plain" and "vmdg", by part, on the slowest rank; with multigrid also of "rebuilt", plain
+    # finite elements whose interpolation is rebuilt in every iteration, as PETSc does by itself
     times: dict[str, dict[str, float]]
-    sizes: tuple[int, int]
-    entries: tuple[int, int]
+    sizes: tuple[int, int]  # Numbers of unknowns
+    entries: tuple[int, int]  # Nonzero entries of the matrices
+    # Krylov iterations of the linear solves, or operations of direct ones [1e9]
     efforts: tuple[float, float]
-    active: float
-    step: float
+    active: float  # Share of the interface's points that are damaged or slide
+    step: float  # Processor time for the stabilization of one load step of vmdg [s]
 
     @property
     def totals(self) -> tuple[float, float]:
@@ -109,11 +100,9 @@ def measure(dimension: str, damage: bool, direct: bool, repeats: int, refine: fl
     """One row of the table.
 
     Args:
-        dimension: "2D" or "3D".
         damage: Whether all points of the interface are at work; else it is tied.
         direct: MUMPS instead of a Krylov solver with GAMG.
         repeats: The least of so many iterations.
-        refine: Multiplies the numbers of cells.
     """
     tagged = _mesh(dimension, refine)
     comm = tagged.mesh.comm
@@ -191,7 +180,6 @@ def block(dimension: str, damage: bool, refine: float = 1.0, across: float = 1.0
     """Both bodies, their ends held, with the displacement of which :func:`measure` tells.
 
     Args:
-        dimension, damage, refine: As there.
         across: Multiplies the number of cells across the interface.
     """
     return _problem(_mesh(dimension, refine, across), damage)

@@ -43,21 +43,14 @@ HEAD = (
 
 @dataclass(frozen=True)
 class Cost:
-    """Processor times of the parts of an iteration [s].
+    """Processor times of the parts of an iteration [s]."""
 
-    Attributes:
-        name: Cell and interface.
-        times: Of "matching" and "separate", by part.
-        sizes: Numbers of unknowns.
-        pairs: Pairs of facets, for each facet of the interface.
-        cut: Of the search for pairs and the cutting, within "residual" of "separate"; zero for
-            surfaces that are paired once.
-    """
-
-    name: str
-    times: dict[str, dict[str, float]]
-    sizes: tuple[int, int]
-    pairs: float
+    name: str  # Cell and interface
+    times: dict[str, dict[str, float]]  # Of "matching" and "separate", by part
+    sizes: tuple[int, int]  # Numbers of unknowns
+    pairs: float  # Pairs of facets, for each facet of the interface
+    # Of the search for pairs and the cutting, within "residual" of "separate"; zero for surfaces
+    # that are paired once
     cut: float
 
     @property
@@ -83,7 +76,6 @@ def measure(cell: str, law: str, n: int, repeats: int) -> Cost:
 
     Args:
         cell: Of both meshes, of degree 1.
-        law: One of ``LAWS``.
         n: Cells along an edge, an even number.
         repeats: The least of so many iterations.
     """

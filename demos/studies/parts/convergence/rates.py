@@ -49,27 +49,16 @@ DISTORTION = {"triangle": 0.15, "quadrilateral": 0.2, "tetrahedron": 0.1, "hexah
 
 @dataclass(frozen=True)
 class Study:
-    """One row of the table: a family of meshes, an exact solution and two materials.
+    """One row of the table: a family of meshes, an exact solution and two materials."""
 
-    Attributes:
-        cell: "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
-        degree: k of the displacement.
-        shape: Of the interface: "straight", "inclined" or "curved".
-        solution: "sheared", "bent" or "kinked".
-        contrast: E_1/E_2.
-        distorted: Nodes moved at random, along the interface too.
-        levels: Cells along each mm, refined from one to the next.
-        straight_cells: Leave the cells' sides straight along a curved interface.
-    """
-
-    cell: str
-    degree: int
-    shape: str = "straight"
-    solution: str = "kinked"
-    contrast: float = 1.0
-    distorted: bool = False
-    levels: tuple[int, ...] = (4, 8)
-    straight_cells: bool = False
+    cell: str  # "triangle", "quadrilateral", "tetrahedron" or "hexahedron"
+    degree: int  # k of the displacement
+    shape: str = "straight"  # Of the interface: "straight", "inclined" or "curved"
+    solution: str = "kinked"  # "sheared", "bent" or "kinked"
+    contrast: float = 1.0  # E_1/E_2
+    distorted: bool = False  # Nodes moved at random, along the interface too
+    levels: tuple[int, ...] = (4, 8)  # Cells along each mm, refined from one to the next
+    straight_cells: bool = False  # Leave the cells' sides straight along a curved interface
 
     @property
     def loaded(self) -> bool:
@@ -135,42 +124,25 @@ def _distort(mesh: Mesh, n: int, amplitude: float) -> None:
 
 @dataclass(frozen=True)
 class Errors:
-    """Relative errors on one mesh.
+    """Relative errors on one mesh."""
 
-    Attributes:
-        h: 1/n [mm].
-        l2: Of u in L2.
-        h1: Of GRAD u in L2.
-        traction: Of T in L2 of the interface.
-        dofs: Of the displacement.
-        seconds: For mesh, kernels and solution.
-    """
-
-    h: float
-    l2: float
-    h1: float
-    traction: float
-    dofs: int
-    seconds: float
+    h: float  # 1/n [mm]
+    l2: float  # Of u in L2
+    h1: float  # Of GRAD u in L2
+    traction: float  # Of T in L2 of the interface
+    dofs: int  # Of the displacement
+    seconds: float  # For mesh, kernels and solution
 
 
 @dataclass(frozen=True)
 class Tied:
-    """A study on one mesh, at the interpolated exact solution.
+    """A study on one mesh, at the interpolated exact solution."""
 
-    Attributes:
-        problem: The problem.
-        tagged: Its mesh.
-        exact: The solution.
-        forces: Body force of every tag (d,) [N/mm3].
-        sides: Facets where the displacement is prescribed.
-    """
-
-    problem: vmdg.Problem
-    tagged: TaggedMesh
-    exact: Exact
-    forces: dict[int, Expr]
-    sides: NDArray[np.int32]
+    problem: vmdg.Problem  # The problem
+    tagged: TaggedMesh  # Its mesh
+    exact: Exact  # The solution
+    forces: dict[int, Expr]  # Body force of every tag (d,) [N/mm3]
+    sides: NDArray[np.int32]  # Facets where the displacement is prescribed
 
 
 def tied(study: Study, n: int, comm: MPI.Comm = MPI.COMM_WORLD) -> Tied:

@@ -24,19 +24,13 @@ from vmdg.meshes.beams import CONTACT, INTERFACE, LOWER_LEFT, RIGHT, TOP, UPPER_
 
 @dataclass(frozen=True)
 class Run:
-    """A delamination test.
+    """A delamination test."""
 
-    Attributes:
-        result: Of the run; its history has opening, load and crack length, computed and of the
-            theory.
-        checks: Lines of the table.
-        more: Factorizations of other parts of the run.
-        points: Motion and force of those parts, to be drawn with the published ones.
-    """
-
+    # Of the run; its history has opening, load and crack length, computed and of the theory
     result: vmdg.Result
-    checks: list[Check]
-    more: int = 0
+    checks: list[Check]  # Lines of the table
+    more: int = 0  # Factorizations of other parts of the run
+    # Motion and force of those parts, to be drawn with the published ones
     points: Sequence[tuple[float, float]] = ()
 
     @property

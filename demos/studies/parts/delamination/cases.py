@@ -23,49 +23,31 @@ Points = Sequence[tuple[float, float]]
 
 @dataclass(frozen=True)
 class Case:
-    """A test, and published results of it.
+    """A test, and published results of it."""
 
-    Attributes:
-        title: With its source.
-        run: Runs it; True prints the residuals of every step.
-        published: Values by the start of the quantity of a check.
-        curve: Published points of load over motion.
-        motion, force: Columns of the history.
-        along: Whether the run should pass the published points.
-    """
-
-    title: str
-    run: Callable[[bool], Run]
+    title: str  # With its source
+    run: Callable[[bool], Run]  # Runs it; True prints the residuals of every step
+    # Values by the start of the quantity of a check
     published: dict[str, float] = field(default_factory=dict)
-    curve: Points = ()
+    curve: Points = ()  # Published points of load over motion
+    # motion, force: Columns of the history
     motion: str = "load"
     force: str = "force"
-    along: bool = True
+    along: bool = True  # Whether the run should pass the published points
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes:
-        case: Name of the case.
-        quantity: With its unit.
-        computed: By vmdg.
-        published: None where nothing is.
-        theory: Corrected beam theory, None where there is none.
-        rows: Of the history.
-        factorizations: Of the run.
-        seconds: Of processor time, of this rank.
-    """
-
-    case: str
-    quantity: str
-    computed: float
-    published: float | None
-    theory: float | None
-    rows: int
-    factorizations: int
-    seconds: float
+    case: str  # Name of the case
+    quantity: str  # With its unit
+    computed: float  # By vmdg
+    published: float | None  # None where nothing is
+    theory: float | None  # Corrected beam theory, None where there is none
+    rows: int  # Of the history
+    factorizations: int  # Of the run
+    seconds: float  # Of processor time, of this rank
 
     def off(self, reference: float | None) -> str:
         """Difference to a reference, in percent."""

@@ -58,7 +58,6 @@ def fatigue(
     Args:
         element_size: Of facets where the crack runs [mm].
         far: Way of the crack [mm].
-        rows: Of cells over an arm.
         verbose: Print the residuals of every step.
     """
     stations = (0.0, A_0 - 2, A_0, math.ceil(A_0 + far + 1.5), A_0 + 30)
@@ -111,7 +110,6 @@ def paris(growth: Growth, interval: float = 0.5) -> tuple[NDArray, NDArray]:
     """G_I/G_c and da/dN [mm], once the crack has left its start.
 
     Args:
-        growth: Of the crack.
         interval: Growth from one pair to the next [mm].
     """
     N, a, release = growth

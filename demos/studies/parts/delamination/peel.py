@@ -40,7 +40,6 @@ def peel(
         angle: Between the force and the bonded film behind the crack [degrees].
         length: Of new crack [mm].
         element_size: Of facets [mm].
-        rows: Cells over the film.
         verbose: Print the residuals of every step.
     """
     stations = (0.0, FREE, FREE + length + 3, FREE + length + 6)

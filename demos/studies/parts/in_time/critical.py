@@ -29,7 +29,6 @@ def critical(problem: vmdg.Problem, damage: bool) -> float:
     not positive of consistent ones.
 
     Args:
-        problem: In any state.
         damage: With the tangent of points that are damaged, or with that of the bond.
     """
     problem.step.assemble_residual(hold=not damage)

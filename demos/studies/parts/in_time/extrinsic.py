@@ -32,22 +32,15 @@ PERIOD = 4.0
 
 @dataclass(frozen=True)
 class Beat:
-    """A run.
+    """A run."""
 
-    Attributes:
-        name: What it is by.
-        step: Relative to h/c, the critical one of plain elements.
-        times: Of its rows.
-        energy: Of the bars, the bond and the contact, with what the bond has dissipated, relative
-            to that at the start.
-        traction: In the middle.
-    """
-
-    name: str
-    step: float
-    times: Array
+    name: str  # What it is by
+    step: float  # Relative to h/c, the critical one of plain elements
+    times: Array  # Of its rows
+    # Of the bars, the bond and the contact, with what the bond has dissipated, relative to that at
+    # the start
     energy: Array
-    traction: Array
+    traction: Array  # In the middle
 
     @property
     def periods(self) -> float:
@@ -68,12 +61,6 @@ def extrinsic(n: int, penalty: float, step: float, periods: float) -> Beat:
     The node in the middle is doubled when the mean stress next to it reaches the strength. Then
     T = P_c (1 - delta/delta_c) at the largest opening delta so far, T delta/delta_max below it, and
     the penalty times the overlap.
-
-    Args:
-        n: Elements of a bar.
-        penalty: Relative to E/h.
-        step: Relative to h/c.
-        periods: To be run.
     """
     h = 1 / n
     x = np.concatenate([np.linspace(0, 1, n + 1), np.linspace(1, 2, n + 1)])
@@ -111,12 +98,7 @@ def extrinsic(n: int, penalty: float, step: float, periods: float) -> Beat:
 
 
 def variational(n: int, periods: float) -> Beat:
-    """By vmdg with central differences and what it takes for a step.
-
-    Args:
-        n: Cells of a bar.
-        periods: To be run.
-    """
+    """By vmdg with central differences and what it takes for a step."""
     scene = blocks(MPI.COMM_SELF, "quadrilateral", (n, 1, 1))
     bar, law = vmdg.NeoHookean(E=1.0, nu=0.0), vmdg.Debonding(STRENGTH, GAP, unloading="secant")
     interface = vmdg.Interface(between=(1, 2), law=law)

@@ -48,21 +48,13 @@ NEAR, IMBALANCE, WORK = 0.01, 0.02, 0.01
 
 @dataclass(frozen=True)
 class Told:
-    """Rows at the given load factors in units of 1, at home.
+    """Rows at the given load factors in units of 1, at home."""
 
-    Attributes:
-        forces: Reactions of all supports (n, m) [N].
-        energies: Stored, damage, friction, plastic, external (n, 5) [N mm].
-        rows: Load factors of all rows.
-        residuals: Assembled by the solver.
-        stopped: Message of the error that ended the run.
-    """
-
-    forces: Array
-    energies: Array
-    rows: list[float]
-    residuals: int
-    stopped: str
+    forces: Array  # Reactions of all supports (n, m) [N]
+    energies: Array  # Stored, damage, friction, plastic, external (n, 5) [N mm]
+    rows: list[float]  # Load factors of all rows
+    residuals: int  # Assembled by the solver
+    stopped: str  # Message of the error that ended the run
 
     @classmethod
     def of(cls, run: Run, scene: Scene, view: View) -> Told:

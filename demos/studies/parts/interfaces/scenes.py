@@ -68,40 +68,24 @@ Body = Callable[[float, Array], vmdg.Material]
 
 @dataclass(frozen=True)
 class View:
-    """A way of telling a scene.
+    """A way of telling a scene."""
 
-    Attributes:
-        level: Cells along every edge, relative to the coarsest mesh.
-        turn: Orthogonal matrix (d, d); None for none.
-        shift: Displacement of the whole scene [mm].
-        length: Unit of length.
-        stress: Unit of stress.
-        residual: As for :class:`vmdg.Problem`.
-        apart: Whether bodies that match share no nodes.
-        swapped: Whether side 1 is side 2.
-    """
-
-    level: int = 1
-    turn: Array | None = None
-    shift: float = 0.0
-    length: float = 1.0
-    stress: float = 1.0
-    residual: str = "symbolic"
-    apart: bool = False
-    swapped: bool = False
+    level: int = 1  # Cells along every edge, relative to the coarsest mesh
+    turn: Array | None = None  # Orthogonal matrix (d, d); None for none
+    shift: float = 0.0  # Displacement of the whole scene [mm]
+    length: float = 1.0  # Unit of length
+    stress: float = 1.0  # Unit of stress
+    residual: str = "symbolic"  # As for :class:`vmdg.Problem`
+    apart: bool = False  # Whether bodies that match share no nodes
+    swapped: bool = False  # Whether side 1 is side 2
 
 
 @dataclass(frozen=True)
 class Placed(Cells):
-    """A box that has been turned and shifted after it was meshed.
+    """A box that has been turned and shifted after it was meshed."""
 
-    Attributes:
-        turn: (d, d).
-        shift: [mm].
-    """
-
-    turn: Array
-    shift: float
+    turn: Array  # (d, d)
+    shift: float  # [mm]
 
     def side(self, axis: int, end: int) -> Predicate:
         """As of the box at its place."""
@@ -111,52 +95,32 @@ class Placed(Cells):
 
 @dataclass(frozen=True)
 class Scene:
-    """What is drawn.
+    """What is drawn."""
 
-    Attributes:
-        way: One of WAYS.
-        kind: Cells.
-        degree: Of the displacement.
-        bodies: Side 1 (along the first axis) and side 2.
-        law: Of the interface.
-        what: Description of the rest.
-        counts: Cells along x of a body, across it in body 1, in body 2.
-        bumps: Offset of the interface at y in body 1 and in body 2 [mm].
-        ends: Of body 2 along y [mm].
-        far: End of body 2 along x [mm].
-        gap: Between the bodies; negative for an overlap [mm].
-        inner: Radius of the near end [mm].
-        held, led: Displacements of the two ends; ``led`` is None where body 2 is held at its side
-            and drawn by ``traction``.
-        traction: On the far end [MPa].
-        loads: Load factors.
-        strain: Eigenstrain of body 2 at the last load; None for none.
-        form: Options of the problem.
-        slides: Whether the surfaces slide.
-        keeps: ``gap`` of the interface.
-    """
-
-    way: str
-    kind: str
-    degree: int
-    bodies: tuple[Body, Body]
-    law: vmdg.Law
-    what: str
-    counts: tuple[int, int, int]
+    way: str  # One of WAYS
+    kind: str  # Cells
+    degree: int  # Of the displacement
+    bodies: tuple[Body, Body]  # Side 1 (along the first axis) and side 2
+    law: vmdg.Law  # Of the interface
+    what: str  # Description of the rest
+    counts: tuple[int, int, int]  # Cells along x of a body, across it in body 1, in body 2
+    # Offset of the interface at y in body 1 and in body 2 [mm]
     bumps: tuple[Callable[[Array], Array], Callable[[Array], Array]]
-    ends: tuple[float, float]
-    far: float
-    gap: float
-    inner: float
+    ends: tuple[float, float]  # Of body 2 along y [mm]
+    far: float  # End of body 2 along x [mm]
+    gap: float  # Between the bodies; negative for an overlap [mm]
+    inner: float  # Radius of the near end [mm]
+    # held, led: Displacements of the two ends; ``led`` is None where body 2 is held at its side and
+    # drawn by ``traction``
     held: OpenAndTurn | None
     led: Path | OpenAndTurn | None
-    traction: Path | None
-    loads: Array
-    strain: Array | None
+    traction: Path | None  # On the far end [MPa]
+    loads: Array  # Load factors
+    strain: Array | None  # Eigenstrain of body 2 at the last load; None for none
     kinematics: str
-    form: Mapping[str, Any] = field(default_factory=dict)
-    slides: bool = False
-    keeps: str | None = None
+    form: Mapping[str, Any] = field(default_factory=dict)  # Options of the problem
+    slides: bool = False  # Whether the surfaces slide
+    keeps: str | None = None  # ``gap`` of the interface
 
     @property
     def d(self) -> int:

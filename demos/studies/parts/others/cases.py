@@ -33,19 +33,13 @@ COARSE = {
 
 @dataclass(frozen=True)
 class Line:
-    """What a code gave for a scene.
+    """What a code gave for a scene."""
 
-    Attributes:
-        scene: P1 or P2.
-        kinematics: "small" or "finite".
-        code: Its name, and the elements.
-        found: Seconds, solves, slope [N/mm] and the curve, displacement [mm] and force [N] (n, 2);
-            or why there is none.
-    """
-
-    scene: peers.Scene
-    kinematics: str
-    code: str
+    scene: peers.Scene  # P1 or P2
+    kinematics: str  # "small" or "finite"
+    code: str  # Its name, and the elements
+    # Seconds, solves, slope [N/mm] and the curve, displacement [mm] and force [N] (n, 2); or why
+    # there is none
     found: dict[str, Any] | str
 
     def cells(self) -> list[str]:
@@ -100,12 +94,8 @@ def theirs(
     """A scene by another code, in a process of its own on one thread.
 
     Args:
-        scene: P1 or P2.
-        kinematics: "small" or "finite".
         name: Of the code and its elements; the first word is that of the module.
-        options: Of ``run`` there.
         repeats: The least seconds of so many runs.
-        python: Of its environment.
     """
     material = {"E": 4000.0, "nu": 0.3, "strength": peers.STRENGTH}
     asked = {

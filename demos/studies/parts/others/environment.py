@@ -19,9 +19,6 @@ WHEELS = (12, 11, 10)
 def find_python(minors: Sequence[int] = WHEELS) -> str:
     """A Python that all packages have wheels for: this one, one of the PATH, or one of pyenv.
 
-    Args:
-        minors: Versions, the preferred one first.
-
     Raises:
         RuntimeError: there is none.
     """

@@ -67,7 +67,6 @@ def open_by_moments(
 
     Args:
         size: Of facets where the crack runs [mm].
-        rows: Cells over an arm.
         growth: Of the crack [mm].
         strength: Of the bond [MPa].
     """

@@ -39,7 +39,6 @@ def bar(bond: str | None, across: int, along: int) -> tuple[vmdg.Problem, vmdg.N
 
     Args:
         bond: Key of BONDS for what joins the halves, None for one body.
-        across: Cells over the radius.
         along: Cells over half of the length.
     """
     mesh, cells, facets = blocks(

@@ -56,18 +56,12 @@ class ElasticTrapezoid(Law):
 
     r |zeta| + |T|(|zeta|) = |T_tr + r zeta_n| has one root on one of the four branches. The history
     is Q = strength times the largest gap over the critical one.
-
-    Attributes:
-        strength: Largest traction [MPa].
-        elastic_gap: Where it is reached [mm].
-        plateau_gap: Where the traction begins to fall [mm].
-        critical_gap: Where the bond is broken [mm].
     """
 
-    strength: float
-    elastic_gap: float
-    plateau_gap: float
-    critical_gap: float
+    strength: float  # Largest traction [MPa]
+    elastic_gap: float  # Where it is reached [mm]
+    plateau_gap: float  # Where the traction begins to fall [mm]
+    critical_gap: float  # Where the bond is broken [mm]
 
     @property
     def softening_modulus(self) -> float:
@@ -149,9 +143,6 @@ def specimen(across: int) -> tuple[vmdg.Problem, vmdg.NamedTags]:
     """The section of the bar, of two halves that meet at the notch, and the tags of its ends.
 
     The notch is half a circle, and its flanks widen by 45 degrees to the radius of the bar.
-
-    Args:
-        across: Cells over the radius.
     """
     wide = NOTCH + BAR - NECK - NOTCH
     counts = (across // 2, across // 4, 3 * across // 4)

@@ -47,41 +47,23 @@ BODY = {"E": 4000.0, "nu": 0.3}  # MPa
 
 @dataclass(frozen=True)
 class Row:
-    """One run.
+    """One run."""
 
-    Attributes:
-        ranks: Number of processes.
-        n: Cells along an edge of a cube.
-        unknowns: Of all ranks.
-        force: On the top [N].
-        rows: Converged steps.
-        newton: Corrections.
-        systems: Linear systems, two per correction where damage work is the control parameter.
-        krylov: Iterations of linear solves.
-        seconds: Wall time of the steps [s].
-        parts: Of it by timer, of the slowest rank [s].
-        waiting: Of it in exchanges and sums of vectors, of the rank that waits longest [s].
-        ghosts: Nodes that ranks hold for others, of all ranks.
-        model: What the model of this module says.
-        facets: Share of the facets of the interface on the rank that has most.
-        MiB: Largest memory of a rank.
-    """
-
-    ranks: int
-    n: int
-    unknowns: int
-    force: float
-    rows: int
-    newton: int
-    systems: int
-    krylov: int
-    seconds: float
-    parts: dict[str, float]
-    waiting: float
-    ghosts: int
-    model: int
-    facets: float
-    MiB: float
+    ranks: int  # Number of processes
+    n: int  # Cells along an edge of a cube
+    unknowns: int  # Of all ranks
+    force: float  # On the top [N]
+    rows: int  # Converged steps
+    newton: int  # Corrections
+    systems: int  # Linear systems, two per correction where damage work is the control parameter
+    krylov: int  # Iterations of linear solves
+    seconds: float  # Wall time of the steps [s]
+    parts: dict[str, float]  # Of it by timer, of the slowest rank [s]
+    waiting: float  # Of it in exchanges and sums of vectors, of the rank that waits longest [s]
+    ghosts: int  # Nodes that ranks hold for others, of all ranks
+    model: int  # What the model of this module says
+    facets: float  # Share of the facets of the interface on the rank that has most
+    MiB: float  # Largest memory of a rank
 
     def line(self, first: Row) -> list[str | int | float]:
         """Of the table below ``HEAD``, with the gain over the first row."""
@@ -167,8 +149,6 @@ def measure(
 
     Args:
         n: Cells along an edge of a cube.
-        comm: Of all ranks.
-        load: Share of the load.
         share: Of the bond that breaks in a step. Longer steps follow the counts of corrections,
             which differ by one with the linear solver and its ranks, and the force at the end
             follows the steps.

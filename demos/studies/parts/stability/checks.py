@@ -42,29 +42,17 @@ NONLINEAR = 0.05
 
 @dataclass(frozen=True)
 class Record:
-    """A converged state, as it was reported.
+    """A converged state, as it was reported."""
 
-    Attributes:
-        t: Load factor.
-        u: Displacement.
-        forces: Internal minus external forces.
-        prescribed: Prescribed dofs.
-        softening: Q of every interface.
-        gap: zeta~ of every interface.
-        traction: T~ of every interface.
-        energy: Energies.
-        reactions: Of every support (d,), of all ranks.
-    """
-
-    t: float
-    u: Array
-    forces: Array
-    prescribed: NDArray[np.int32]
-    softening: list[Array]
-    gap: list[Array]
-    traction: list[Array]
-    energy: vmdg.Energy
-    reactions: list[Array]
+    t: float  # Load factor
+    u: Array  # Displacement
+    forces: Array  # Internal minus external forces
+    prescribed: NDArray[np.int32]  # Prescribed dofs
+    softening: list[Array]  # Q of every interface
+    gap: list[Array]  # zeta~ of every interface
+    traction: list[Array]  # T~ of every interface
+    energy: vmdg.Energy  # Energies
+    reactions: list[Array]  # Of every support (d,), of all ranks
 
     @classmethod
     def of(cls, problem: vmdg.Problem, case: Case) -> Record:
@@ -85,25 +73,16 @@ class Record:
 
 @dataclass
 class Run:
-    """A run that has ended, converged or not.
+    """A run that has ended, converged or not."""
 
-    Attributes:
-        case: What was to be done.
-        problem: In its last converged state.
-        records: The start and all converged states.
-        history: The table of the run.
-        stopped: Message of the error that ended it early; "" where it got to the end.
-        failures: Load factor and reason of every step that had to be cut.
-        residuals: Assembled in all of its solves.
-    """
-
-    case: Case
-    problem: vmdg.Problem
-    records: list[Record]
-    history: vmdg.History = field(default_factory=vmdg.History)
-    stopped: str = ""
+    case: Case  # What was to be done
+    problem: vmdg.Problem  # In its last converged state
+    records: list[Record]  # The start and all converged states
+    history: vmdg.History = field(default_factory=vmdg.History)  # The table of the run
+    stopped: str = ""  # Message of the error that ended it early; "" where it got to the end
+    # Load factor and reason of every step that had to be cut
     failures: list[tuple[float, str]] = field(default_factory=list)
-    residuals: int = 0
+    residuals: int = 0  # Assembled in all of its solves
 
     @property
     def force(self) -> float:
@@ -326,25 +305,15 @@ def _confined(material: vmdg.Material) -> float:
 
 @dataclass(frozen=True)
 class Points:
-    """Converged points of one interface that can fail, in the frame of the law.
+    """Converged points of one interface that can fail, in the frame of the law."""
 
-    Attributes:
-        law: The law.
-        normal: N (n, d).
-        gap: zeta~ (n, d) [mm].
-        traction: T~ (n, d) [MPa].
-        softening: Q (n,) [MPa].
-        penalty: r (n,) [MPa/mm].
-        tolerance: Of tractions (n,) [MPa].
-    """
-
-    law: vmdg.Law
-    normal: Array
-    gap: Array
-    traction: Array
-    softening: Array
-    penalty: Array
-    tolerance: Array
+    law: vmdg.Law  # The law
+    normal: Array  # N (n, d)
+    gap: Array  # zeta~ (n, d) [mm]
+    traction: Array  # T~ (n, d) [MPa]
+    softening: Array  # Q (n,) [MPa]
+    penalty: Array  # r (n,) [MPa/mm]
+    tolerance: Array  # Of tractions (n,) [MPa]
 
     def split(self, vectors: Array) -> tuple[Array, Array]:
         """Normal component and length of the rest (n,)."""

@@ -157,29 +157,17 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended.
+    """How a run ended."""
 
-    Attributes:
-        number: Of the run.
-        family: What it was to stress.
-        verdict: One of GOOD or BAD.
-        steps: Converged steps.
-        cuts: Steps that had to be cut.
-        residuals: Assembled by the solver.
-        seconds: Time it took, checks included.
-        case: What was drawn.
-        detail: Message of the error, or what was found wrong.
-    """
-
-    number: int
-    family: str
-    verdict: str
-    steps: int
-    cuts: int
-    residuals: int
-    seconds: float
-    case: str
-    detail: str
+    number: int  # Of the run
+    family: str  # What it was to stress
+    verdict: str  # One of GOOD or BAD
+    steps: int  # Converged steps
+    cuts: int  # Steps that had to be cut
+    residuals: int  # Assembled by the solver
+    seconds: float  # Time it took, checks included
+    case: str  # What was drawn
+    detail: str  # Message of the error, or what was found wrong
 
 
 def examine(run: Run) -> tuple[str, str]:
@@ -200,14 +188,7 @@ def stress(
     execute: Callable[[Case], Run] = execute,
     draw: Callable[[int], Case] = draw,
 ) -> Outcome:
-    """Draw, run and examine one case.
-
-    Args:
-        number: Of the case.
-        patience: Seconds after which it hangs.
-        execute: Runs a case.
-        draw: Case of a number.
-    """
+    """Draw, run and examine one case."""
     start = perf_counter()
     case = draw(number)
     run: Run | None = None

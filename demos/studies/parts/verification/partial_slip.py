@@ -80,7 +80,6 @@ class PartialSlip:
         """(U_X, U_Y) at z (n,) [mm].
 
         Args:
-            z: X + i Y (n,).
             load: Share of the pressure and of tau = mu p0, before slip starts; 1 afterwards.
             c: How far slip has spread; 0 before.
         """
