@@ -99,7 +99,6 @@ COMMANDS = {
         "benchmark precision",
         "precision.png=benchmark_precision.png precision.csv=benchmark_precision.csv",
     ),
-    "tearing_meshes": ("tearing_meshes", "tearing_meshes_neo-hookean.png=tearing_meshes.png"),
     "ratio": ("benchmark ratio", "ratio.md=benchmark_ratio.md"),
     "peers": ("benchmark peers", "peers.md=benchmark_peers.md"),
     "others": ("others", "others.md=benchmark_others.md"),

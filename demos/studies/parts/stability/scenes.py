@@ -23,7 +23,6 @@ from dolfinx.mesh import (
 from numpy.typing import NDArray
 
 import vmdg
-from parts.coercivity.cells import grid
 from parts.topology import facet_cells
 from vmdg.meshes import cell_partitioner
 
@@ -126,10 +125,19 @@ class Cells:
 
 def box(kind: str, lines: tuple[Array, ...]) -> Cells:
     """Cells between grid lines, split into simplices where ``kind`` is one."""
-    patch = grid(kind, tuple(len(line) - 1 for line in lines))
-    numbers = patch.nodes.astype(int)
-    nodes = np.column_stack([line[i] for line, i in zip(lines, numbers.T, strict=True)])
-    return Cells(kind, nodes, patch.cells, lines)
+    d, shape = len(lines), [len(line) for line in lines]
+    nodes = np.stack(np.meshgrid(*lines, indexing="ij"), -1).reshape(-1, d)
+    corners = np.stack(np.meshgrid(*[np.arange(n - 1) for n in shape], indexing="ij"), -1)
+    # The first axis of the reference cell runs fastest.
+    offsets = np.array(np.unravel_index(np.arange(2**d), [2] * d)).T[:, ::-1]
+    each = (corners.reshape(-1, 1, d) + offsets).transpose(2, 0, 1)
+    cells = np.ravel_multi_index(tuple(each), shape)
+    split = {
+        "triangle": [[0, 1, 3], [0, 2, 3]],
+        "tetrahedron": [[0, *path, 7] for path in [(1, 3), (1, 5), (2, 3), (2, 6), (4, 5), (4, 6)]],
+    }.get(kind)
+    cells = cells if split is None else cells[:, split].reshape(-1, d + 1)
+    return Cells(kind, nodes, cells, lines)
 
 
 def distorted(cells: Cells, rng: np.random.Generator, left: float, planes: Array) -> Cells:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
 
 import basix.ufl
-import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx.mesh import create_mesh, meshtags
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 import vmdg
 from vmdg.domain.topology import facet_cells
 
-DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+from .scenes import DIMENSION
 
 #: Eigenvalues of the tangent scaled to a unit diagonal that rounding cannot tell from zero.
 ROUNDING = 1e-11
@@ -235,55 +232,3 @@ PATCHES = {
     "tetrahedron": (1, 1, 1),
     "hexahedron": (2, 2, 1),
 }
-
-CASES = (
-    *(Case(cell, 1, True, 330) for cell in DIMENSION),
-    *(Case(cell, 1, False, 80) for cell in DIMENSION),
-    *(Case(cell, 2, True, n) for cell, n in zip(DIMENSION, (120, 120, 60, 20), strict=True)),
-    *(Case(cell, 2, False, n) for cell, n in zip(DIMENSION, (30, 30, 12, 4), strict=True)),
-    *(Case(cell, 3, True, 20) for cell in ("triangle", "quadrilateral")),
-)
-
-
-@dataclass(frozen=True)
-class Count:
-    """What one choice of the safety did to a class of configurations."""
-
-    negative: int  # Configurations whose tangent has a negative eigenvalue
-    lowest: float  # Smallest eigenvalue of all, tangents scaled to a unit diagonal
-    median: float  # Median of the factors used
-    largest: float  # Largest factor used
-
-
-def count(safety: float | str, configurations: Configurations) -> Count:
-    """Negative eigenvalues of the tangents of tied configurations."""
-    problem = configurations.problem(law=vmdg.Bonded(), safety=safety)
-    lowest = configurations.lowest(problem)
-    factor = problem.stabilization[0].safety
-    negative = int((lowest < -ROUNDING).sum())
-    return Count(negative, lowest.min(), float(np.median(factor)), factor.max())
-
-
-def draw(
-    table: Mapping[str, Sequence[Count]], sizes: Sequence[int], safeties: Sequence[float | str]
-) -> Figure:
-    """Share of the configurations that are not coercive.
-
-    Args:
-        table: Counts by class, one for each safety.
-        sizes: Number of configurations of the classes.
-    """
-    figure, ax = plt.subplots(figsize=(8, 6.5), layout="constrained")
-    places, height = np.arange(len(table)), 0.8 / len(safeties)
-    for i, safety in enumerate(safeties):
-        negative = np.array([counts[i].negative for counts in table.values()])
-        name = f'"{safety}"' if isinstance(safety, str) else f"{safety:g}"
-        label = f"safety {name}: {negative.sum()} of {sum(sizes)}"
-        ax.barh(places + (i + 0.5) * height - 0.4, 100 * negative / sizes, height, label=label)
-    ax.set(yticks=places, yticklabels=list(table), xlabel="not coercive [%]", xlim=(0, 102))
-    ax.margins(y=0.01)
-    ax.invert_yaxis()
-    ax.grid(axis="x", lw=0.3)
-    ax.set_axisbelow(True)
-    figure.legend(loc="outside upper center", ncols=len(safeties), fontsize=9)
-    return figure
