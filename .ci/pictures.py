@@ -100,7 +100,6 @@ COMMANDS = {
         "precision.png=benchmark_precision.png precision.csv=benchmark_precision.csv",
     ),
     "ratio": ("benchmark ratio", "ratio.md=benchmark_ratio.md"),
-    "peers": ("benchmark peers", "peers.md=benchmark_peers.md"),
     "others": ("others", "others.md=benchmark_others.md"),
     "convergence": ("convergence", "convergence.png convergence.md convergence.csv"),
 }
@@ -169,14 +168,6 @@ TABLES = {
         "friction. Processor time on one core, the least of several runs. The last column compares "
         "with plain elements whose multigrid interpolation is rebuilt in every iteration, as "
         "PETSc does by default.",
-    ),
-    "benchmark_peers.md": (
-        "Two scenes of other cohesive codes",
-        "P1, a plate cracked over a quarter of its width (4,900 unknowns), and P2, two cubes of "
-        "1,000 hexahedra each (7,986 unknowns), in 40 load steps: processor time on one core, "
-        "linear systems, and errors of the initial slope (against plain elements on the same "
-        "mesh), of the largest force and of the work; last the largest share of the work that the "
-        "energies do not account for.",
     ),
     "benchmark_others.md": (
         "vmdg, fedoo and Akantu",

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import pytest
 import scaling
-from parts.scaling.measure import measure, modelled_ghosts
+from scaling import measure, modelled_ghosts
 from support import ranks
 from support.budgets import over_budget
 

@@ -1,12 +1,11 @@
-"""Seconds and work of vmdg against plain finite elements and other cohesive codes.
+"""Seconds and work of vmdg against plain finite elements.
 
 Parts, one or several by name: "precision" draws error against unknowns and processor time, "intact"
 lists errors of intact interfaces where they differ most from those of plain elements, "ratio"
 compares one Newton iteration, "plastic" those of plastic and elastic bodies, "separate" those of
-bodies meshed separately and together, "explicit" times steps in time, "peers" runs two scenes that
-other codes were given. Seconds are processor time of warm runs on one core, the least of some;
-whatever is compared takes turns in one process. On one rank, but "ratio" and "explicit", which on
-several tell the times of the slowest.
+bodies meshed separately and together, "explicit" times steps in time. Seconds are processor time of
+warm runs on one core, the least of some; whatever is compared takes turns in one process. On one
+rank, but "ratio" and "explicit", which on several tell the times of the slowest.
 """
 
 from __future__ import annotations
@@ -20,15 +19,7 @@ from mpi4py import MPI
 
 from matplotlib.figure import Figure
 from parts.bars import progress
-from parts.benchmark import (
-    explicit,
-    intact,
-    peers,
-    plastic,
-    precision,
-    ratio,
-    separate,
-)
+from parts.benchmark import explicit, intact, iterations, precision
 from parts.benchmark.common import DIMENSION, table
 from parts.options import run
 
@@ -55,6 +46,11 @@ def intact_part(coarse: bool, repeats: int) -> Outcome:
     return found, table(intact.HEAD, intact.rows(found)), None
 
 
+def iteration_table(costs: list[iterations.Cost]) -> str:
+    """Of iterations with the same further columns."""
+    return table((*iterations.HEAD, *costs[0].more), [cost.row() for cost in costs])
+
+
 def ratio_part(coarse: bool, repeats: int) -> Outcome:
     """Newton iterations, direct and with multigrid in 3D, there on a mesh twice as fine too."""
     size = 0.2 if coarse else 1.0
@@ -62,15 +58,15 @@ def ratio_part(coarse: bool, repeats: int) -> Outcome:
     cases += [("3D", damage, direct, size) for direct in (True, False) for damage in (False, True)]
     cases += [("3D", damage, False, 2 * size) for damage in (False, True)]
     shown = MPI.COMM_WORLD.rank == 0
-    rows = [ratio.measure(*c[:3], repeats, c[3]) for c in progress(cases, "case", shown)]
-    return rows, table(ratio.HEAD, map(ratio.row, rows)), None
+    rows = [iterations.with_plain(*c[:3], repeats, c[3]) for c in progress(cases, "case", shown)]
+    return rows, iteration_table(rows), None
 
 
 def plastic_part(coarse: bool, repeats: int) -> Outcome:
     """Points a second, and Newton iterations of plastic bodies against those of elastic ones."""
     speeds = {
-        name: [plastic.points_a_second(material, small, repeats) for small in (True, False)]
-        for name, material in plastic.METALS.items()
+        name: [iterations.points_a_second(material, small, repeats) for small in (True, False)]
+        for name, material in iterations.METALS.items()
     }
     cases = [
         (small, direct, 2 if coarse else 10, repeats, tied)
@@ -78,9 +74,12 @@ def plastic_part(coarse: bool, repeats: int) -> Outcome:
         for direct in (True, False)
         for small in (True, False)
     ]
-    costs = [plastic.measure(*case) for case in progress(cases, "case")]
-    points = table(plastic.HEAD_POINTS, [(name, *speed) for name, speed in speeds.items()])
-    text = f"{points}\n\n{table(plastic.HEAD, [list(cost.row()) for cost in costs])}"
+    costs = [iterations.of_plastic(*case) for case in progress(cases, "case")]
+    points = table(
+        ("material", "small strain", "finite strain"),
+        [(name, *speed) for name, speed in speeds.items()],
+    )
+    text = f"{points}\n\n{iteration_table(costs)}"
     return (speeds, costs), text, None
 
 
@@ -88,12 +87,12 @@ def separate_part(coarse: bool, repeats: int) -> Outcome:
     """Newton iterations of bodies that are meshed separately against those of one mesh."""
     cases = [
         (cell, law, n, repeats)
-        for cell, sizes in separate.SIZES.items()
+        for cell, sizes in iterations.SIZES.items()
         for n in ((4,) if coarse else sizes)
-        for law in separate.LAWS
+        for law in iterations.LAWS
     ]
-    costs = [separate.measure(*case) for case in progress(cases, "case")]
-    return costs, table(separate.HEAD, [list(cost.row()) for cost in costs]), None
+    costs = [iterations.of_separate(*case) for case in progress(cases, "case")]
+    return costs, iteration_table(costs), None
 
 
 def explicit_part(coarse: bool, repeats: int) -> Outcome:
@@ -117,22 +116,6 @@ def explicit_part(coarse: bool, repeats: int) -> Outcome:
     return costs + large, text, None
 
 
-def peers_part(coarse: bool, repeats: int) -> Outcome:
-    """P1 and P2, and the shear of a sliding interface."""
-    if coarse:
-        cases = {"P1": (peers.P1, 10, False, "small")}
-    else:
-        cases = {
-            f"{scene.name}{', even steps' * even}, {kinematics}": (scene, 40, even, kinematics)
-            for scene in (peers.P1, peers.P2)
-            for even, kinematics in ((False, "small"), (True, "small"), (False, "finite"))
-        }
-    runs = {n: peers.run(*case, repeats) for n, case in progress(cases.items(), "scene")}
-    text = table(peers.HEAD, [peers.row(name, run) for name, run in runs.items()])
-    shear = peers.sliding_shear()
-    return (runs, shear), f"{text}\n\nsliding shear {shear[0]:.9g} N, mu N {shear[1]:.9g} N", None
-
-
 PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "precision": precision_part,
     "intact": intact_part,
@@ -140,7 +123,6 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "plastic": plastic_part,
     "separate": separate_part,
     "explicit": explicit_part,
-    "peers": peers_part,
 }
 
 
@@ -154,7 +136,7 @@ def main(
     """Run parts; what each has found by name.
 
     Args:
-        parts: Some of precision, intact, ratio, plastic, separate, explicit and peers; all
+        parts: Some of precision, intact, ratio, plastic, separate and explicit; all
             without any.
         coarse: Small meshes.
         repeats: Runs, of which the fastest counts.

@@ -1,4 +1,4 @@
-"""Plastic bodies with interfaces: necking, tearing, Cook's membrane, shells, debonding; one table.
+"""Plastic bodies with interfaces: necking, Cook's membrane, shells, debonding; one table.
 
 `--case NAME` runs one of them, all without it. Ties are compared with one body on the same mesh,
 debonding with closed forms of plasticity, both with published numbers where there are any.

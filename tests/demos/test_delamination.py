@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import delamination
 import pytest
+from delamination import Case, measure, table
 from parts.delamination.beams import dcb, four_point
-from parts.delamination.cases import Case, measure, table
 from parts.delamination.laminate import MMB, T300_977
 from parts.delamination.mmb import A_0, LEVERS, lever_length, mmb, theory
 from parts.delamination.peel import peel

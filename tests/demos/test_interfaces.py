@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import interfaces
+import interfaces as judges
 import pytest
-from parts.interfaces import judges
 from parts.interfaces.scenes import View, draw
 from parts.stability.runner import execute, stress
 

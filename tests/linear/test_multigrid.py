@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from parts.benchmark import ratio
+from parts.benchmark import iterations
 from support.budgets import over_budget
 from support.problems import FRICTION, pressed
 from support.scenes import everywhere, tag_cells, unit_box
@@ -29,7 +29,7 @@ def solved(problem: vmdg.Problem, options: dict, times: int = 1, rtol: float = 1
 
 def at_work(damage: bool, n: int = 10) -> vmdg.Problem:
     """The block of the benchmark, its interface tied, or damaged or sliding at every point."""
-    return ratio.block("3D", damage, refine=n / 22)
+    return iterations.block("3D", damage, refine=n / 22)
 
 
 def test_broken_as_tied():

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
 def facet_cells(mesh: Mesh) -> NDArray[np.int32]:
@@ -29,9 +29,9 @@ def tags_of_cells(mesh: Mesh, tags: MeshTags) -> NDArray[np.int32]:
     return values
 
 
-def global_sum(comm: MPI.Comm, value: float) -> float:
-    """Over all ranks; collective."""
-    return comm.allreduce(value, MPI.SUM)
+def global_sum(comm: MPI.Comm, values: ArrayLike) -> NDArray:
+    """Over all ranks, of a number or of every entry; collective."""
+    return comm.allreduce(np.asarray(values), MPI.SUM)
 
 
 def global_max(comm: MPI.Comm, value: float) -> float:

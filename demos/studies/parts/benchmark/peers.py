@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 import vmdg
 from parts.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers
-from vmdg.domain.topology import facet_cells, tags_of_cells
-from vmdg.solver.result import Counts
+from parts.topology import facet_cells, tags_of_cells
 
 STRENGTH, CRITICAL_GAP = 20.0, 0.02  # MPa, mm
 
@@ -99,29 +98,8 @@ class Run:
     scene: Scene  # P1 or P2
     history: vmdg.History  # With "force" [N] and the energies
     seconds: float  # Processor time of the load steps [s]
-    counts: Counts  # Work done in them
+    counts: vmdg.Counts  # Work done in them
     size: int  # Number of unknowns
-
-    @property
-    def slope_error(self) -> float:
-        """Of the first step, relative to plain finite elements."""
-        first = self.history["force"][0] / self.history["load"][0]
-        return float(first / self.scene.slope - 1)
-
-    @property
-    def peak_error(self) -> float:
-        """Relative."""
-        return float(self.history["force"].max() / self.scene.peak - 1)
-
-    @property
-    def work_error(self) -> float:
-        """Of the area under the force, by the trapezoidal rule, to separation; relative."""
-        return float(self.history["external"][-1] / self.scene.work - 1)
-
-    @property
-    def imbalance(self) -> float:
-        """Largest share of the work that the energies of a step do not account for."""
-        return float(np.abs(self.history["imbalance"]).max() / self.scene.work)
 
 
 def run(
@@ -153,69 +131,3 @@ def run(
         least = min(least, process_time() - start)
     size = problem.space.dofmap.index_map.size_global * problem.mesh.geometry.dim
     return Run(scene, result.history, least, result.counts, size)
-
-
-HEAD = (
-    "scene",
-    "steps",
-    "unknowns",
-    "s",
-    "solves",
-    "factorized",
-    "Krylov",
-    "of gaps",
-    "residuals",
-    "tangents",
-    "corrections a step",
-    "slope error",
-    "peak [N]",
-    "peak error",
-    "work error",
-    "imbalance",
-)
-
-
-def row(name: str, run: Run) -> list[str | int | float]:
-    """Of the table below ``HEAD``."""
-    counts, history = run.counts, run.history
-    return [
-        name,
-        len(history),
-        run.size,
-        run.seconds,
-        counts.solves,
-        counts.factorizations + counts.preconditioners,
-        counts.krylov,
-        counts.condensed,
-        counts.residuals,
-        counts.tangents,
-        history["iterations"].mean(),
-        f"{run.slope_error:.1e}",
-        history["force"].max(),
-        f"{100 * run.peak_error:.2f} %",
-        f"{100 * run.work_error:.2f} %",
-        f"{run.imbalance:.1e}",
-    ]
-
-
-def sliding_shear(friction: float = 0.3, pressure: float = 10.0) -> tuple[float, float]:
-    """Shear [MPa] of two squares that slide without a bond under pressure, and mu N.
-
-    The lower square is clamped at its bottom; the top of the upper one is pressed down, then moved
-    sideways.
-
-    Args:
-        pressure: About [MPa].
-    """
-    mesh, cell_tags, facet_tags = layers("quadrilateral", (8, 16), (1.0, 2.0), 8)
-    body = vmdg.NeoHookean(E=4000.0, nu=0.0)
-    interface = vmdg.Interface(between=(LOWER, UPPER), law=vmdg.Contact(friction=friction))
-    problem = vmdg.Problem(
-        mesh, cell_tags, {LOWER: body, UPPER: body}, [interface], kinematics="small"
-    )
-    down, top = 2 * pressure / 4000.0, facet_tags.find(TOP)
-    problem.dirichlet(facet_tags.find(BOTTOM), 0.0)
-    problem.dirichlet(top, lambda t: (0.05 * max(t - 1, 0.0), -down * min(t, 1.0)))
-    vmdg.solve(problem, [1.0, 1.5, 2.0])
-    shear, normal = problem.reaction(top)
-    return float(shear), float(-friction * normal)

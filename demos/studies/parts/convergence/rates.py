@@ -27,10 +27,9 @@ from ufl.core.expr import Expr
 import vmdg
 from parts.convergence.manufactured import Exact, bent, body_force, kinked, sheared, stress
 from parts.tables import markdown
+from parts.topology import facet_cells, global_sum, tags_of_cells
 from vmdg import compat
 from vmdg.base.kernels import compile_expression, compile_form
-from vmdg.base.parallel import global_sum
-from vmdg.domain.topology import facet_cells, tags_of_cells
 from vmdg.meshes import TaggedMesh, blocks
 from vmdg.points.points import Points
 

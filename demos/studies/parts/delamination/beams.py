@@ -15,9 +15,8 @@ from scipy.optimize import brentq
 
 import vmdg
 from parts.delamination.laminate import ALFANO_CRISFIELD, IM7_8552, ISOTROPIC, Laminate
+from parts.topology import global_sum
 from parts.verification.checks import Check, compare, describe
-from vmdg.base.parallel import global_sum
-from vmdg.domain.tags import NamedTags
 from vmdg.meshes import TaggedMesh, beams
 from vmdg.meshes.beams import CONTACT, INTERFACE, LOWER_LEFT, RIGHT, TOP, UPPER_LEFT
 
@@ -117,7 +116,7 @@ def open_beam(
     a_0: float,
     fine: float,
     kinematics: str = "small",
-) -> tuple[vmdg.Problem, NamedTags]:
+) -> tuple[vmdg.Problem, vmdg.NamedTags]:
     """A double cantilever beam whose load factor is its opening [mm], and the tags of its facets.
 
     Facets are of ``element_size`` from the crack to x = ``fine``.

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 import vmdg
 from parts.delamination.beams import Run
 from parts.delamination.laminate import T300_1076
+from parts.topology import global_max, global_sum
 from parts.verification.checks import Check, compare, describe
-from vmdg.base.parallel import global_max, global_sum
 from vmdg.meshes import plates
 from vmdg.meshes.plates import INTERFACE, RIGHT, UPPER_LEFT
 

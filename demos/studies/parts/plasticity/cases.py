@@ -8,7 +8,7 @@ from math import log2
 import matplotlib.pyplot as plt
 import numpy as np
 
-from parts.plasticity import arms, membrane, necking, notched, shells
+from parts.plasticity import arms, membrane, necking, shells
 from parts.plasticity.rows import Row
 
 Drawing = Callable[[plt.Axes], None]
@@ -27,21 +27,6 @@ def bar(coarse: bool) -> Result:
         ax.set(xlabel="motion of each end [mm]", ylabel="force [kN]")
 
     return rows, {"Necking bar of two halves": draw}
-
-
-def tear(coarse: bool) -> Result:
-    """A notched bar that tears at its smallest section."""
-    rows, history = notched.notched(coarse)
-
-    def draw(ax: plt.Axes) -> None:
-        ax.plot(np.append(0, history["contraction"]), np.append(0, history["force"]), label="vmdg")
-        published = {"code_aster, bond": notched.COHESIVE, "Rousselier": notched.ROUSSELIER}
-        for (name, values), style in zip(published.items(), ("ko", "C1x"), strict=True):
-            force, contraction = np.transpose(list(values.values()))
-            ax.plot(contraction, force, style, mfc="none", label=name)
-        ax.set(xlabel="contraction of the diameter [mm]", ylabel="force [kN]")
-
-    return rows, {"A notched bar tears": draw}
 
 
 def cook(coarse: bool) -> Result:
@@ -143,7 +128,6 @@ def opened(coarse: bool) -> Result:
 
 CASES: dict[str, Callable[[bool], Result]] = {
     "necking": bar,
-    "notched": tear,
     "cook": cook,
     "shells": tubes,
     "inclusion": void,

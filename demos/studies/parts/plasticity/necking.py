@@ -8,8 +8,8 @@ import numpy as np
 
 import vmdg
 from parts.plasticity.rows import STEEL, Row
+from parts.topology import global_max
 from parts.verification.checks import describe
-from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
 from vmdg.meshes.two_blocks import BACK, BOTTOM, LEFT, RIGHT
 

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 import vmdg
+from parts.topology import global_max, global_sum
 from parts.verification.checks import describe
-from vmdg.base.parallel import global_max, global_sum
 from vmdg.meshes import blocks
 from vmdg.meshes.two_blocks import BOTTOM, LEFT, RIGHT, TOP
 

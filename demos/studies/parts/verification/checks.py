@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 import vmdg
 from parts.tables import markdown
-from vmdg.base.parallel import global_max, global_sum
+from parts.topology import global_max, global_sum
 from vmdg.meshes import blocks, core_and_ring
 
 

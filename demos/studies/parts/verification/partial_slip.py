@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import vmdg
+from parts.topology import global_max
 from parts.verification.checks import Check, compare, compare_field, describe
-from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
 
 

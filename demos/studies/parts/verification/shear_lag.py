@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-import vmdg
-from parts.pushouts import (
+from pushout_parameters import (
     E_MATRIX,
     HEIGHT,
     NU_FIBRE,
@@ -15,9 +13,10 @@ from parts.pushouts import (
     ring_pressure,
     shear_lag,
 )
+
+import vmdg
 from parts.scenes import pushout
 from parts.verification.checks import Check, compare, describe
-from vmdg.interface.values import InterfaceState
 from vmdg.meshes import pushout_section
 from vmdg.meshes.pushout import FIBRE, FIBRE_TOP, MATRIX, SUPPORT
 
@@ -51,7 +50,7 @@ def _slide(
     return problem, -problem.reaction(top)[1]
 
 
-def _growth(problem: vmdg.Problem, state: InterfaceState, height: float) -> float:
+def _growth(problem: vmdg.Problem, state: vmdg.InterfaceState, height: float) -> float:
     """lambda [1/mm] of shear tractions e^(lambda z) in the middle half of the fibre."""
     inside = np.abs(state.points[:, 1] / height - 0.5) < 0.25
     rows = np.column_stack([state.points[inside, 1], np.abs(state.traction[inside, 1])])
@@ -66,7 +65,7 @@ def push_out(
 
     The estimate takes the fibre for a bar in plane rings: the pressure p = p0 + k sigma grows with
     the stress sigma in the fibre, a sigma' = 2 mu p, so that both grow as e^(lambda z) with lambda
-    = 2 mu k/a, and the force is :func:`parts.pushouts.shear_lag` without a bond. It holds where z
+    = 2 mu k/a, and the force is ``pushout_parameters.shear_lag`` without a bond. It holds where z
     is farther than a radius or two from both ends; there the rings are not plane, the pressure
     differs and a share of the order of a/H of the force is in doubt. It also neglects that the
     matrix carries the force back: its stress is that of the fibre times a^2/(b^2 - a^2) = 0.05.
