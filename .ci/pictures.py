@@ -37,9 +37,7 @@ COMMANDS = {
     "laws": (".ci/laws.py OUT", "law_*.png"),
     "unloading": (".ci/unloading.py OUT/unloading.png", "unloading.png"),
     "weak_links": ("weak_links", "weak_links.png"),
-    "measured_beam": ("measured_beam", "measured_beam.png"),
     "measured_images": ("measured_images", "measured_images.png"),
-    "measured_pushout": ("measured_pushout", "measured_pushout.png measured_pushout.md"),
     "bridged_dcb": ("bridged_dcb", "bridged_dcb.png bridged_dcb.md"),
     "lap_joint": ("lap_joint", "lap_joint.png"),
     "push_through": ("push_through", "push_through.png"),
@@ -94,7 +92,7 @@ COMMANDS = {
         "mmb-80.png=delamination.png d30.png=delamination_d30.png "
         "fatigue.png=delamination_fatigue.png overview.png=delamination_all.png delamination.md",
     ),
-    "stability": ("stability", "stability.png stability.md stability.csv"),
+    "stability": ("stability", "stability.md stability.csv"),
     "precision": (
         "benchmark precision",
         "precision.png=benchmark_precision.png precision.csv=benchmark_precision.csv",
@@ -111,12 +109,6 @@ TABLES = {
         "Load over opening of de Gracia, Boyano, Arrese and Mujika (2015), fitted by linear "
         "softening and by a law with fibre bridges. The residual is the standard deviation of "
         "load that the fit leaves.",
-    ),
-    "measured_pushout.md": (
-        "Friction and bond from a push-out",
-        "Section 7.4 of the report: friction, strength and critical gap from the two forces that "
-        "the report prints, with a prior of the strength, and from a whole curve of a run with its "
-        "values, with noise. Forces have an error of 1 %.",
     ),
     "convergence.md": (
         "Rates of convergence",

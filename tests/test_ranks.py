@@ -62,7 +62,6 @@ def test_scaling(comm, tmp_path_factory):
     folder = comm.bcast(str(tmp_path_factory.mktemp("scaling")))
     for fresh in (True, False):
         rows = scaling.main(cells=4, share=0.1, out=folder, fresh=fresh)
-    assert comm.bcast((Path(folder) / "strong.png").stat().st_size) > 10_000
     row, alone = rows[-1], measure(4, MPI.COMM_SELF, share=0.1)
     assert len(rows) == 2
     assert (row.unknowns, row.newton) == (alone.unknowns, alone.newton)

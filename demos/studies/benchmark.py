@@ -20,8 +20,9 @@ from mpi4py import MPI
 from matplotlib.figure import Figure
 from parts.bars import progress
 from parts.benchmark import explicit, intact, iterations, precision
-from parts.benchmark.common import DIMENSION, table
+from parts.benchmark.common import DIMENSION
 from parts.options import run
+from parts.tables import markdown
 
 #: What was found, its table, and what draws it.
 Outcome = tuple[Any, str, Callable[[], Figure] | None]
@@ -34,7 +35,7 @@ def precision_part(coarse: bool, repeats: int) -> Outcome:
     points = []
     for case in progress(cases, "mesh"):
         points += precision.measure(*case, repeats)
-    text = table(precision.HEAD, precision.rows(points))
+    text = markdown(precision.HEAD, precision.rows(points))
     return points, text, lambda: precision.plot(points)
 
 
@@ -43,12 +44,12 @@ def intact_part(coarse: bool, repeats: int) -> Outcome:
     kinds = [(c, k) for c, d in DIMENSION.items() for k in (1, 2, 3)[: 1 if coarse else 5 - d]]
     cases = progress([case for kind in kinds for case in intact.cases(*kind)], "mesh")
     found = [one for case in cases for one in intact.measure(*case, (intact.TIE, intact.BOND))]
-    return found, table(intact.HEAD, intact.rows(found)), None
+    return found, markdown(intact.HEAD, intact.rows(found)), None
 
 
 def iteration_table(costs: list[iterations.Cost]) -> str:
     """Of iterations with the same further columns."""
-    return table((*iterations.HEAD, *costs[0].more), [cost.row() for cost in costs])
+    return markdown((*iterations.HEAD, *costs[0].more), [cost.row() for cost in costs])
 
 
 def ratio_part(coarse: bool, repeats: int) -> Outcome:
@@ -75,7 +76,7 @@ def plastic_part(coarse: bool, repeats: int) -> Outcome:
         for small in (True, False)
     ]
     costs = [iterations.of_plastic(*case) for case in progress(cases, "case")]
-    points = table(
+    points = markdown(
         ("material", "small strain", "finite strain"),
         [(name, *speed) for name, speed in speeds.items()],
     )
@@ -96,7 +97,7 @@ def separate_part(coarse: bool, repeats: int) -> Outcome:
 
 
 def explicit_part(coarse: bool, repeats: int) -> Outcome:
-    """Explicit steps in the plane and in space, and what a large run would take."""
+    """Explicit steps in the plane and in space."""
     shown = MPI.COMM_WORLD.rank == 0
     sizes = {"triangle": 64, "quadrilateral": 64, "hexahedron": 20}
     cases = [
@@ -106,14 +107,7 @@ def explicit_part(coarse: bool, repeats: int) -> Outcome:
         for law in explicit.LAWS
     ]
     costs = [explicit.measure(*case) for case in progress(cases, "case", shown)]
-    edge = 4 if coarse else 37
-    large = [
-        explicit.measure("hexahedron", edge, kinematics, law, 5 if coarse else 50, repeats)
-        for kinematics, law in progress([("small", "tied"), ("finite", "softening")], "run", shown)
-    ]
-    text = table(explicit.HEAD, [cost.row() for cost in costs])
-    text += "\n\n" + table(explicit.LARGE, [cost.large_row() for cost in large])
-    return costs + large, text, None
+    return costs, markdown(explicit.HEAD, [cost.row() for cost in costs]), None
 
 
 PARTS: dict[str, Callable[[bool, int], Outcome]] = {

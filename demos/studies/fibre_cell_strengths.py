@@ -26,57 +26,10 @@ from scipy.sparse.csgraph import dijkstra
 import vmdg
 from vmdg.meshes import TaggedMesh
 
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of numbers in a file: a study continues where it was stopped."""
-
-    file: Path  # With one line a run, of all studies in this folder
-    key: dict[str, float]  # What the runs of this study have in common, by column
-    columns: tuple[str, ...]  # What a run adds, by name; the first ones tell which run it is
-
-    def read(self) -> NDArray[np.float64]:
-        """Rows of this study without its key, ordered by their columns (n, m)."""
-        lines = self.file.read_text().splitlines()[1:] if self.file.is_file() else []
-        width = len(self.key) + len(self.columns)
-        rows = np.reshape([[float(v) for v in line.split(",")] for line in lines], (-1, width))
-        same = np.isclose(rows[:, : len(self.key)], list(self.key.values())).all(axis=1)
-        own = rows[same, len(self.key) :]
-        return own[np.lexsort(own.T[::-1])]
-
-    def left(self, runs: Sequence[tuple[float, ...]]) -> list[tuple[float, ...]]:
-        """Those of some runs that have no row, each by its first columns; collective."""
-        comm = MPI.COMM_WORLD
-        if comm.rank == 0 and not self.file.is_file():
-            self.file.parent.mkdir(parents=True, exist_ok=True)
-            self.file.write_text(",".join([*self.key, *self.columns]) + "\n")
-        rows = comm.bcast(self.read())
-        return [run for run in runs if run not in {tuple(row[: len(run)]) for row in rows}]
-
-    def add(self, *row: float) -> None:
-        """The row of a run; on one rank."""
-        with open(self.file, "a") as file:
-            file.write(",".join(repr(float(v)) for v in (*self.key.values(), *row)) + "\n")
-
-
-def shared(runs: Sequence[tuple[float, ...]], several: bool) -> tuple[list, MPI.Comm]:
-    """The runs of this rank and its communicator: one run by all ranks, several shared by them.
-
-    Args:
-        several: Whether the study has more than one run.
-    """
-    world = MPI.COMM_WORLD
-    return (list(runs[world.rank :: world.size]), MPI.COMM_SELF) if several else (list(runs), world)
-
-
-def reports(comm: MPI.Comm) -> bool:
-    """Whether a run shows its progress: of runs that ranks share, those of the first rank."""
-    return comm.size > 1 or MPI.COMM_WORLD.rank == 0
-
-
 #: Share of its strength below which a cell has failed.
 FALLEN = 0.9
 
+KEY = ("fibres", "fraction", "friction", "cells")
 COLUMNS = (
     "seed",
     "angle [deg]",
@@ -101,22 +54,41 @@ class Study:
     loads: NDArray[np.float64]  # Sizes of the mean strain (n,)
 
     @property
-    def table(self) -> Table:
-        """What runs have found."""
-        names = ("fibres", "fraction", "friction", "cells")
-        return Table(self.folder / "strengths.csv", {n: getattr(self, n) for n in names}, COLUMNS)
+    def file(self) -> Path:
+        """With one line a run, of all studies in this folder."""
+        return self.folder / "strengths.csv"
+
+    @property
+    def key(self) -> list[float]:
+        """What the runs of this study have in common."""
+        return [getattr(self, name) for name in KEY]
+
+    def read(self) -> NDArray[np.float64]:
+        """Rows of this study without its key, ordered by their columns (n, m)."""
+        lines = self.file.read_text().splitlines()[1:] if self.file.is_file() else []
+        width = len(KEY) + len(COLUMNS)
+        rows = np.reshape([[float(v) for v in line.split(",")] for line in lines], (-1, width))
+        own = rows[np.isclose(rows[:, : len(KEY)], self.key).all(axis=1), len(KEY) :]
+        return own[np.lexsort(own.T[::-1])]
+
+    def left(self, runs: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        """Those of some runs, by seed and angle, that have no row; collective."""
+        comm = MPI.COMM_WORLD
+        if comm.rank == 0 and not self.file.is_file():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.file.write_text(",".join([*KEY, *COLUMNS]) + "\n")
+        known = {tuple(row[:2]) for row in comm.bcast(self.read())}
+        return [run for run in runs if run not in known]
 
     def run(self, seed: int, angle: float, comm: MPI.Comm, verbose: bool) -> None:
         """Load a cell, and add its strength to the file once it has failed; collective."""
         tagged = fibre_cell.make_mesh(self.fibres, self.fraction, seed, self.cells, comm)
         problem = fibre_cell.make_problem(tagged, angle, self.friction)
         known = *plane_moduli(problem), shortest_cut(problem), fibre_share(tagged)
-        said = {"progress": reports(comm), "show": ("stress_xx", "stress_xy"), "verbose": verbose}
-        table, monitor = (
-            self.folder / f"fibre_cell_{seed}_{angle:g}.csv",
-            vmdg.PeriodicCell(problem),
-        )
-        options = vmdg.SolveOptions(energy=True, csv=table, **said)
+        shown = comm.size > 1 or MPI.COMM_WORLD.rank == 0
+        said = {"progress": shown, "show": ("stress_xx", "stress_xy"), "verbose": verbose}
+        table, monitor = f"fibre_cell_{seed}_{angle:g}.csv", vmdg.PeriodicCell(problem)
+        options = vmdg.SolveOptions(energy=True, csv=self.folder / table, **said)
         try:
             history = vmdg.solve(problem, self.loads, options, lambda _: monitor.row()).history
         except vmdg.StepFailure as failure:
@@ -130,12 +102,14 @@ class Study:
         both = np.column_stack([history["stress_xx"], history["stress_xy"]])
         peak = both[np.argmax(np.linalg.norm(both, axis=1))]
         if comm.rank == 0:
-            self.table.add(seed, angle, *peak, *known)
+            with open(self.file, "a") as file:
+                row = *self.key, seed, angle, *peak, *known
+                file.write(",".join(repr(float(value)) for value in row) + "\n")
         comm.barrier()
 
     def summary(self) -> str:
         """Means and standard deviations over the seeds, and the bounds they keep."""
-        rows, lines = self.table.read(), []
+        rows, lines = self.read(), []
         for angle in np.unique(rows[:, 1]):
             own = rows[rows[:, 1] == angle]
             means = [f"{x.mean():.4g} +- {x.std(ddof=len(own) > 1):.2g}" for x in own[:, 2:].T]
@@ -276,15 +250,18 @@ def main(
     study = Study(Path(out), fibres, fraction, friction, cells, np.linspace(0, end, steps + 1)[1:])
     angles, world = np.linspace(first, last, directions), MPI.COMM_WORLD
     asked = [(float(n), angle) for n in range(seed, seed + seeds) for angle in angles]
-    runs, comm = shared(study.table.left(asked), len(asked) > 1)
+    # One run by all ranks, several shared by them.
+    runs, comm = study.left(asked), world
+    if len(asked) > 1:
+        runs, comm = runs[world.rank :: world.size], MPI.COMM_SELF
     for number, angle in runs:
         study.run(int(number), angle, comm, verbose)
     world.barrier()
-    rows = study.table.read()
+    rows = study.read()
     draw_envelope(rows, study.folder / "envelope.png")
     if world.rank == 0:
         print(study.summary())
-    if left := study.table.left(asked):
+    if left := study.left(asked):
         raise RuntimeError(f"runs of these seeds and angles have stopped before they fail: {left}")
     return rows
 

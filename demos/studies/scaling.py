@@ -1,6 +1,6 @@
 """Strong and weak scaling on this machine or a cluster: seconds, messages and memory by ranks.
 
-Every run appends a line to a file in the folder of results, prints the table so far and draws it.
+Every run appends a line to a file in the folder of results and prints the table so far.
 The first line of a folder is what the others are compared with: run it on one rank.
 
 Strong: the same mesh on more ranks,       demos/run -n 1 scaling, demos/run -n 2 scaling, ...
@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import json
 import resource
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -33,11 +32,10 @@ from time import perf_counter
 from mpi4py import MPI
 from petsc4py import PETSc
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
-from parts.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers, table
+from parts.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers
 from parts.options import run
+from parts.tables import markdown
 from parts.topology import global_max, global_sum
 
 import vmdg
@@ -213,24 +211,6 @@ def waited() -> float:
     return sum(PETSc.Log.Event(name).getPerfInfo()["time"] for name in WAITS)
 
 
-def draw(rows: Sequence[Row]) -> Figure:
-    """Wall time of every run by timers, and what one rank would take over the number of ranks."""
-    figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
-    places, bottom = np.arange(len(rows)), np.zeros(len(rows))
-    for name in TIMERS:
-        height = np.array([row.parts[name] for row in rows])
-        ax.bar(places, height, bottom=bottom, label=name)
-        bottom += height
-    first = rows[0]
-    ideal = [first.seconds * row.unknowns / first.unknowns / row.ranks for row in rows]
-    ax.plot(places, [row.seconds for row in rows], "ko", label="wall time")
-    ax.plot(places, ideal, "k_", ms=24, label="ideal")
-    ax.set_xticks(places, [f"{row.ranks}\n{row.unknowns:,}" for row in rows])
-    ax.set(ylabel="seconds", xlabel="ranks and unknowns")
-    ax.legend(loc="upper left", bbox_to_anchor=(1, 1))
-    return figure
-
-
 def main(
     cells: int = 18,
     load: float = 1.0,
@@ -240,7 +220,6 @@ def main(
     alone: bool = False,
     out: str = "results/scaling",
     fresh: bool = False,
-    plot: bool = True,
     verbose: bool = False,
 ) -> list[Row]:
     """Run, and the rows so far; collective.
@@ -254,7 +233,6 @@ def main(
         alone: Run the scene of one rank on every rank; the row is that of the slowest.
         out: Folder of the results.
         fresh: Forget what it has.
-        plot: Draw the picture.
         verbose: Print the residuals of every step.
     """
     comm = MPI.COMM_WORLD
@@ -270,10 +248,8 @@ def main(
         with open(file, "w" if fresh else "a") as lines:
             lines.write(json.dumps(asdict(row)) + "\n")
         rows = [Row(**json.loads(line)) for line in file.read_text().splitlines()]
-        text = table(HEAD, [row.line(rows[0]) for row in rows])
+        text = markdown(HEAD, [row.line(rows[0]) for row in rows])
         file.with_suffix(".md").write_text(text + "\n")
-        if plot:
-            draw(rows).savefig(file.with_suffix(".png"), dpi=130)
         print(f"{text}\n\nresults are in {out}")
     return comm.bcast(rows)
 

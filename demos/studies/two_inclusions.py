@@ -28,8 +28,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from parts.benchmark.common import table
 from parts.options import run
+from parts.tables import markdown
 
 import vmdg
 from vmdg.meshes import TaggedMesh, distribute, model
@@ -202,7 +202,7 @@ def main(
     if MPI.COMM_WORLD.rank == 0:
         if figure:
             figure.savefig(folder / "two_inclusions.png", dpi=130)
-        print(table(("", "vmdg", "h -> 0", "error"), rows))
+        print(markdown(("", "vmdg", "h -> 0", "error"), rows))
         print(f"results are in {folder}")
     return best, bonded
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import interfaces
 import interfaces as judges
 import pytest
-from parts.interfaces.scenes import View, draw
+from interfaces import View, draw
 from parts.stability.runner import execute, stress
 
 # Coarse meshes, and facets that others do not face.

@@ -38,7 +38,6 @@ def test_no_run_fails(comm, out):
     assert number["correct"] > 0.7 * len(RUNS)
     assert number["refused"] >= 1
     assert (out / "stability.md").read_text() == runner.table(runs) + "\n"
-    assert (out / "stability.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("number", [249, 301, 352, 460, 627])

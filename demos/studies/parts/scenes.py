@@ -5,14 +5,6 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[2]))
 
-import fibre_cell
-import fibre_matrix
-import pushout
-import tutorial_law
-
-__all__ = [
-    "fibre_cell",
-    "fibre_matrix",
-    "pushout",
-    "tutorial_law",
-]
+import fibre_cell as fibre_cell
+import pushout as pushout
+import tutorial_law as tutorial_law

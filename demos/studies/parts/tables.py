@@ -11,12 +11,16 @@ from matplotlib.figure import Figure
 
 
 def markdown(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """A Markdown table.
+    """A Markdown table; floats with four digits.
 
     Args:
         rows: Cells of every line, as they are to be shown.
     """
-    first, *others = (f"| {' | '.join(map(str, cells))} |" for cells in [head, *rows])
+
+    def shown(cell: object) -> str:
+        return f"{cell:.4g}" if isinstance(cell, float) else str(cell)
+
+    first, *others = (f"| {' | '.join(map(shown, cells))} |" for cells in [head, *rows])
     return "\n".join([first, "|" + "---|" * len(head), *others])
 
 

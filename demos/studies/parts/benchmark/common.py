@@ -83,15 +83,3 @@ def least_times(
                 spent = MPI.COMM_WORLD.allreduce(process_time() - start, MPI.MAX)
                 least[name][step] = min(least[name][step], spent)
     return least
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """A Markdown table; numbers with four digits."""
-
-    def text(value: Any) -> str:
-        if isinstance(value, float | np.floating):
-            return f"{value:.4g}"
-        return str(value)
-
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(text(value) for value in row) + " |" for row in lines)

@@ -110,11 +110,6 @@ class Plain:
         nodes = fem.locate_dofs_topological(self.space, d - 1, facets)
         self.prescribed = (d * nodes[:, None] + np.arange(d, dtype=np.int32)).ravel()
 
-    def component(self, facets: NDArray[np.int32], i: int) -> NDArray[np.int32]:
-        """Dofs of one component of the displacement on facets."""
-        d = self.mesh.geometry.dim
-        return d * fem.locate_dofs_topological(self.space, d - 1, facets) + i
-
     def assemble_residual(self) -> NDArray[np.float64]:
         """Forces on owned dofs, zero on prescribed ones [N]; collective."""
         self.forces[:] = -self._load

@@ -13,13 +13,12 @@ from time import process_time
 from mpi4py import MPI
 
 import numpy as np
+from parts.benchmark.common import DIMENSION, layers
 
 import vmdg
-from parts.benchmark.common import DIMENSION, layers
 from vmdg.base.timers import timings
 
 HEAD = ("cells", "kinematics", "interface", "number", "us a cell and step", "ms a step")
-LARGE = ("1e5 hexahedra, 1e4 steps", "kinematics", "ranks", "cells", "ms a step", "hours")
 LAWS = {
     "none": None,
     "tied": vmdg.Bonded(),
@@ -42,11 +41,6 @@ class Cost:
         """Of the table below ``HEAD``."""
         each = 1e6 * self.seconds / self.cells
         return (*(self.cell, self.kinematics, self.law, self.cells), each, 1e3 * self.seconds)
-
-    def large_row(self) -> tuple:
-        """Of the table below ``LARGE``, as long as if it had 1e5 cells and 1e4 steps."""
-        ranks, hours = MPI.COMM_WORLD.size, self.seconds * 1e5 / self.cells * 1e4 / 3600
-        return (self.law, self.kinematics, ranks, self.cells, 1e3 * self.seconds, hours)
 
 
 def measure(cell: str, n: int, kinematics: str, law: str, steps: int, repeats: int) -> Cost:

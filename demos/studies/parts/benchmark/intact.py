@@ -24,12 +24,12 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
-from ufl.core.expr import Expr
-
-import vmdg
 from parts.benchmark.common import DIMENSION
 from parts.convergence.manufactured import Exact
 from parts.convergence.rates import field_errors, interpolate
+from ufl.core.expr import Expr
+
+import vmdg
 from vmdg.meshes import TaggedMesh, blocks
 
 TIE = vmdg.Bonded()

@@ -23,11 +23,11 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-
-import vmdg
 from parts.benchmark.common import BOTTOM, DIMENSION, LOWER, TOP, UPPER, layers, least_times
 from parts.benchmark.continuous import Plain
 from parts.topology import tags_of_cells
+
+import vmdg
 from vmdg.linear.ksp import (
     CG_GAMG,
     LDLT,

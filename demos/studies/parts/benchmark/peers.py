@@ -17,10 +17,10 @@ from time import process_time
 import numpy as np
 from dolfinx.mesh import compute_midpoints
 from numpy.typing import NDArray
-
-import vmdg
 from parts.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers
 from parts.topology import facet_cells, tags_of_cells
+
+import vmdg
 
 STRENGTH, CRITICAL_GAP = 20.0, 0.02  # MPa, mm
 
@@ -91,25 +91,14 @@ def loads(scene: Scene, steps: int) -> NDArray[np.float64]:
     return np.concatenate([[D / 100], near, after, [scene.end]])
 
 
-@dataclass(frozen=True)
-class Run:
-    """What a run gave."""
-
-    scene: Scene  # P1 or P2
-    history: vmdg.History  # With "force" [N] and the energies
-    seconds: float  # Processor time of the load steps [s]
-    counts: vmdg.Counts  # Work done in them
-    size: int  # Number of unknowns
-
-
 def run(
     scene: Scene,
     steps: int = 40,
     even: bool = False,
     kinematics: str = "small",
     repeats: int = 1,
-) -> Run:
-    """Run a scene, several times for its least processor time.
+) -> tuple[vmdg.Result, float]:
+    """Run a scene, several times; the result, with "force" [N], and the least processor time [s].
 
     Args:
         even: Of equal size, as the peers were given.
@@ -129,5 +118,4 @@ def run(
             lambda problem, top=top: {"force": problem.reaction(top)[-1]},
         )
         least = min(least, process_time() - start)
-    size = problem.space.dofmap.index_map.size_global * problem.mesh.geometry.dim
-    return Run(scene, result.history, least, result.counts, size)
+    return result, least

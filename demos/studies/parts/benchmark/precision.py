@@ -18,11 +18,11 @@ from time import process_time
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-
-import vmdg
 from parts.benchmark.common import DIMENSION
 from parts.benchmark.continuous import Plain
 from parts.convergence.rates import Study, field_errors, interpolate, tied
+
+import vmdg
 from vmdg.linear.ksp import LDLT
 
 #: Stiffness of the springs [MPa/mm]: 250 soft moduli a mm, as the public one-fibre deck has a dummy

@@ -22,12 +22,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from ufl.core.expr import Expr
-
-import vmdg
 from parts.convergence.manufactured import Exact, bent, body_force, kinked, sheared, stress
 from parts.tables import markdown
 from parts.topology import facet_cells, global_sum, tags_of_cells
+from ufl.core.expr import Expr
+
+import vmdg
 from vmdg import compat
 from vmdg.base.kernels import compile_expression, compile_form
 from vmdg.meshes import TaggedMesh, blocks

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-import vmdg
 from parts.delamination.beams import Run, arms, at
 from parts.delamination.laminate import Laminate
 from parts.verification.checks import compare, describe
+
+import vmdg
 from vmdg.meshes.beams import INTERFACE, RIGHT, UPPER_LEFT
 
 #: IM7/8552 of the analyses of Davila (NASA/TP-2018-219838), R = 0.1, and its fatigue

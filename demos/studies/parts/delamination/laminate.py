@@ -80,9 +80,6 @@ class Laminate:
 #: Alfano and Crisfield 2001 (IJNME 50).
 ALFANO_CRISFIELD = Laminate(135300.0, 9000.0, 5200.0, 0.24, 0.46, 1.5, 20.0, 0.28, 57.0)
 
-#: Another pair of arms, isotropic: process zone of 2 mm.
-ISOTROPIC = Laminate(120e3, 120e3, 120e3 / 2.6, 0.3, 0.3, 1.5, 20.0, 0.28, 40.0)
-
 #: IM7/8552, Krueger 2012, NASA/CR-2012-217562 (MMB); the strength is free in fracture mechanics.
 MMB = Laminate(161e3, 11.38e3, 5.2e3, 0.32, 0.45, 2.25, 25.4, 0.212, 60.0, 0.774, 2.1)
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
-
-import vmdg
 from parts.delamination.beams import Run, arms, at, build, lift, node
 from parts.delamination.laminate import MMB, Laminate
 from parts.verification.checks import compare, describe
+from scipy.optimize import brentq
+
+import vmdg
 
 #: Half the span, and the crack at the start [mm].
 L, A_0 = 50.4, 25.4

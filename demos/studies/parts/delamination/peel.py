@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from parts.delamination.beams import Run, arms, at
+from parts.verification.checks import compare, describe
 from scipy.optimize import brentq
 
 import vmdg
-from parts.delamination.beams import Run, arms, at
-from parts.verification.checks import compare, describe
 from vmdg.meshes.beams import BOTTOM, INTERFACE
 
 #: Film [mm, MPa], its bond [N/mm, MPa], and the part that is free at the start [mm].

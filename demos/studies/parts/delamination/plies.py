@@ -10,12 +10,12 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
-
-import vmdg
 from parts.delamination.beams import Run
 from parts.delamination.laminate import T300_1076
 from parts.topology import global_max, global_sum
 from parts.verification.checks import Check, compare, describe
+
+import vmdg
 from vmdg.meshes import plates
 from vmdg.meshes.plates import INTERFACE, RIGHT, UPPER_LEFT
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-
-import vmdg
 from parts.delamination.beams import arms
 from parts.verification.checks import describe
+
+import vmdg
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
 
 #: Aluminium arms and their bond: height [mm], initial crack [mm], toughness [N/mm].

@@ -5,11 +5,11 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import numpy as np
-
-import vmdg
 from parts.plasticity.rows import STEEL, Row
 from parts.topology import global_max
 from parts.verification.checks import describe
+
+import vmdg
 from vmdg.meshes import blocks
 from vmdg.meshes.two_blocks import BACK, BOTTOM, LEFT, RIGHT
 

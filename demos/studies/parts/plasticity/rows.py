@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from time import process_time
 from typing import TypeVar
 
-import vmdg
 from parts.tables import markdown
+
+import vmdg
 
 T = TypeVar("T")
 

@@ -26,11 +26,11 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
+from parts.topology import global_max, global_sum
+from parts.verification.checks import describe
 from scipy.optimize import brentq
 
 import vmdg
-from parts.topology import global_max, global_sum
-from parts.verification.checks import describe
 from vmdg.meshes import blocks
 from vmdg.meshes.two_blocks import BOTTOM, LEFT, RIGHT, TOP
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from inspect import signature
 
 from petsc4py import PETSc
 
@@ -19,9 +18,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
+from parts.stability.scenes import Array, Case
 
 import vmdg
-from parts.stability.scenes import Array, Case
 
 EPS = np.finfo(float).eps
 
@@ -367,7 +366,11 @@ def criterion(points: Points) -> list[str]:
     tolerance = 10 * points.tolerance
     pressed = normal < 0
     rubs = -law.friction * normal
-    held = R + points.softening / law.strength * rubs if gradual(law) else np.maximum(R, rubs)
+    held = (
+        R + points.softening / law.strength * rubs
+        if law.unloads_to_origin or law.gradual_friction
+        else np.maximum(R, rubs)
+    )
     allowed = np.where(pressed, held, R)
     size = np.where(pressed, shear, np.hypot(normal, shear))
     found = []
@@ -377,11 +380,6 @@ def criterion(points: Points) -> list[str]:
     if (normal[open_] < -tolerance[open_]).any():
         found.append(f"pressure {-normal[open_].min():.2e} MPa on an open point")
     return found
-
-
-def gradual(law: vmdg.Debonding) -> bool:
-    """Whether friction acts on the broken fraction of a point only."""
-    return law.unloads_to_origin or bool(law.gradual_friction)
 
 
 def irreversible(run: Run) -> list[str]:
@@ -481,51 +479,6 @@ def _swelling(case: Case, t: float) -> Array:
     return np.array([np.zeros((3, 3)), *(e(t) for e in (case.eigenstrain or {}).values())])
 
 
-def coercive(run: Run) -> list[str]:
-    """The interfaces take no more of the bulk energy than coercivity lets them.
-
-    In a spurious equilibrium, which only a tau_s too small for the state allows, they do.
-    """
-    energy = run.records[-1].energy
-    rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d
-    active = run.problem.discretization.active.values()
-    kept = min((one.stabilizer.margin for one in active), default=0.0)
-    taken = -energy.interface - (1 - kept) * energy.bulk
-    if run.case.kinematics == "finite":
-        taken -= NONLINEAR * energy.bulk
-    if taken <= rounding:
-        return []
-    return [f"interface energy {energy.interface:.3e}, bulk energy {energy.bulk:.3e} N mm"]
-
-
-def programme(run: Run) -> list[str]:
-    """Every row keeps the supports and loads of its load factor; given load factors have rows."""
-    case, d, found = run.case, run.case.mesh.d, []
-    x, size = run.problem.space.tabulate_dof_coordinates().T, 0.0
-    for record in run.records:
-        if len(record.u) != len(run.problem.u.x.array):
-            continue  # facets have opened since
-        u = record.u.reshape(-1, d)
-        size = max(size, np.abs(u).max())
-        held = np.zeros(u.size, dtype=bool)
-        held[record.prescribed] = True  # no node of a cell that touches a side at a corner alone
-        for support in case.supports:
-            here, value = support.where(x), support.value
-            if callable(value):
-                varies = len(signature(value).parameters) == 2
-                value = value(x[:, here], record.t) if varies else value(record.t)
-            value, given = np.asarray(value, dtype=float), np.zeros((d, here.sum()))
-            given[:] = value[:, None] if value.ndim == 1 else value
-            off = np.abs(u[here].T - given) * held.reshape(-1, d)[here].T
-            off = off if support.component is None else off[support.component]
-            # A rotation is the difference of positions.
-            if off.max() > 1e-12 * size + 10 * EPS * np.abs(x).max():
-                found.append(f"a support is off by {off.max():.2e} mm at t = {record.t:.6g}")
-    rows = {record.t for record in run.records}
-    missing = [t for t in case.loads if t not in rows and not run.stopped]
-    return [*found[:1], *(f"no row at t = {t:.6g}" for t in missing[:1])]
-
-
 def judged(run: Run) -> list[str]:
     """All rows are those of the independent solution of the case."""
     return run.case.judge(run) if run.case.judge else []
@@ -571,8 +524,6 @@ CHECKS: tuple[Callable[[Run], list[str]], ...] = (
     irreversible,
     damage_energy,
     energy_balance,
-    coercive,
-    programme,
     exact,
     judged,
     objective,

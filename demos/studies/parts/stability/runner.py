@@ -16,16 +16,14 @@ from time import perf_counter
 
 from mpi4py import MPI
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.random import Generator
-
-import vmdg
 from parts.stability import cases
 from parts.stability.checks import Record, Run, finite
 from parts.stability.scenes import Case
 from parts.tables import markdown
+
+import vmdg
 
 #: How a run may end, and how it must not.
 GOOD = ("correct", "refused", "stopped")
@@ -40,27 +38,14 @@ Family = Callable[[Generator], Case]
 #: Families by the number of their first run, which each keeps: they take turns from there.
 FAMILIES: dict[int, tuple[Family, ...]] = {
     0: (
-        cases.aspect_ratio,
-        cases.contrast,
-        cases.incompressible,
-        cases.distortion,
-        cases.inverted,
-        cases.steep_softening,
-        cases.step_sizes,
-        cases.load_cycles,
-        cases.dead_loads,
-        cases.large_rotation,
-        cases.large_strain,
-        cases.weak_bond,
-        cases.polycrystal,
-        cases.crack_tip,
-        cases.random_facets,
-        cases.inclined,
-        cases.corner_cells,
+        cases.aspect_ratio, cases.contrast, cases.incompressible, cases.distortion, cases.inverted,
+        cases.steep_softening, cases.step_sizes, cases.load_cycles, cases.dead_loads,
+        cases.large_rotation, cases.large_strain, cases.weak_bond, cases.polycrystal,
+        cases.crack_tip, cases.random_facets, cases.inclined, cases.corner_cells,
         cases.axisymmetric,
     ),
     540: (cases.on_demand, cases.ogden, cases.viscous),
-}
+}  # fmt: skip
 
 
 def numbers(each: int) -> list[int]:
@@ -249,24 +234,3 @@ def write_csv(outcomes: Sequence[Outcome], path: Path) -> None:
         writer.writerow([field.name for field in fields(Outcome)])
         for outcome in outcomes:
             writer.writerow([round(v, 2) if isinstance(v, float) else v for v in astuple(outcome)])
-
-
-def chart(outcomes: Sequence[Outcome]) -> Figure:
-    """Outcomes by family as stacked bars."""
-    names = families(outcomes)
-    figure, ax = plt.subplots(figsize=(9, 0.34 * len(names) + 1.6), layout="constrained")
-    colours = dict(
-        zip((*GOOD, *BAD), ("#4c9f70", "#6c8ebf", "#e0a83c", *["#c0392b"] * len(BAD)), strict=True)
-    )
-    start = np.zeros(len(names))
-    for verdict, colour in colours.items():
-        share = np.array([counts(outcomes, name)[verdict] for name in names], dtype=float)
-        if verdict in GOOD or share.any():
-            bars = ax.barh(names, share, left=start, color=colour, label=verdict)
-            ax.bar_label(bars, [f"{n:.0f}" if n else "" for n in share], label_type="center")
-        start += share
-    ax.invert_yaxis()
-    ax.set(xlabel="runs", title=f"{len(outcomes)} random stress runs")
-    ax.legend(ncols=len(GOOD) + len(BAD), loc="upper center", bbox_to_anchor=(0.5, -0.12))
-    ax.spines[["top", "right"]].set_visible(False)
-    return figure

@@ -21,9 +21,9 @@ from dolfinx.mesh import (
     meshtags,
 )
 from numpy.typing import NDArray
+from parts.topology import facet_cells
 
 import vmdg
-from parts.topology import facet_cells
 from vmdg.meshes import cell_partitioner
 
 if TYPE_CHECKING:

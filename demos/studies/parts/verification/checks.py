@@ -10,11 +10,11 @@ from time import perf_counter
 from mpi4py import MPI
 
 import numpy as np
+from parts.tables import markdown
+from parts.topology import global_max, global_sum
 from scipy.optimize import brentq
 
 import vmdg
-from parts.tables import markdown
-from parts.topology import global_max, global_sum
 from vmdg.meshes import blocks, core_and_ring
 
 

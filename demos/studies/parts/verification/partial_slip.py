@@ -8,10 +8,10 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
-
-import vmdg
 from parts.topology import global_max
 from parts.verification.checks import Check, compare, compare_field, describe
+
+import vmdg
 from vmdg.meshes import blocks
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from parts.scenes import pushout
+from parts.verification.checks import Check, compare, describe
 from pushout_parameters import (
     E_MATRIX,
     HEIGHT,
@@ -15,8 +17,6 @@ from pushout_parameters import (
 )
 
 import vmdg
-from parts.scenes import pushout
-from parts.verification.checks import Check, compare, describe
 from vmdg.meshes import pushout_section
 from vmdg.meshes.pushout import FIBRE, FIBRE_TOP, MATRIX, SUPPORT
 
