@@ -18,11 +18,10 @@ from typing import Any
 from mpi4py import MPI
 
 from matplotlib.figure import Figure
-from parts.bars import progress
 from parts.benchmark import explicit, intact, iterations, precision
 from parts.benchmark.common import DIMENSION
 from parts.options import run
-from parts.tables import markdown
+from parts.tables import markdown, progress
 
 #: What was found, its table, and what draws it.
 Outcome = tuple[Any, str, Callable[[], Figure] | None]

@@ -27,7 +27,6 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.random import Generator
-from parts.bars import progress
 from parts.options import run
 from parts.stability.cases import E, choose, dimension, log_uniform, opening_scale, random_ogden
 from parts.stability.checks import Run
@@ -45,6 +44,7 @@ from parts.stability.scenes import (
     legs,
     rotation,
 )
+from parts.tables import progress
 
 import vmdg
 

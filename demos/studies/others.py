@@ -13,12 +13,10 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from parts.bars import progress
 from parts.benchmark import peers
 from parts.options import run
-from parts.others.cases import COARSE, HEAD, Line, cases
-from parts.others.environment import prepare
-from parts.tables import markdown, report
+from parts.others.cases import COARSE, HEAD, Line, cases, prepare
+from parts.tables import markdown, progress, report
 
 
 def main(

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from parts.bars import progress
 from parts.options import run
 from parts.stability.runner import BAD, Outcome, numbers, stress, table, write_csv
+from parts.tables import progress
 
 
 def main(

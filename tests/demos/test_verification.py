@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pushout_parameters as shear_lag
 import pytest
 import verification
 from parts.delamination import beams as delamination
 from parts.delamination.laminate import ALFANO_CRISFIELD
-from parts.verification import checks, partial_slip, shear_lag
+from parts.verification import checks, partial_slip
 from support.budgets import over_budget
 
 from vmdg.meshes import beams, core_and_ring

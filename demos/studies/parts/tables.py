@@ -1,13 +1,22 @@
-"""Tables of the pages, and where studies write them."""
+"""Tables of the pages, where studies write them, and progress bars."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
 
 from matplotlib.figure import Figure
+from tqdm import tqdm
+
+
+def progress(items: Iterable, unit: str, shown: bool = True) -> tqdm:
+    """The items with a bar, which writes a line now and then where the output is a file."""
+    return tqdm(
+        items, unit=unit, mininterval=0.1 if sys.stderr.isatty() else 30.0, disable=not shown
+    )
 
 
 def markdown(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
