@@ -47,7 +47,7 @@ SCENES = {
     "tearing": "tearing",
     "tearing_ogden": "tearing --material ogden",
     "pushout": "pushout",
-    "peers": "benchmark peers --repeats 1 --no-plot",
+    "peers": "others --alone",
     "verification": "verification --no-plot",
     "pushout_solid": "pushout --solid",
 }

@@ -37,12 +37,8 @@ COMMANDS = {
     "laws": (".ci/laws.py OUT", "law_*.png"),
     "unloading": (".ci/unloading.py OUT/unloading.png", "unloading.png"),
     "weak_links": ("weak_links", "weak_links.png"),
-    "measured_beam": ("measured_beam", "measured_beam.png"),
     "measured_images": ("measured_images", "measured_images.png"),
-    "measured_modes": ("measured_modes", "measured_modes.png"),
-    "measured_pushout": ("measured_pushout", "measured_pushout.png measured_pushout.md"),
     "bridged_dcb": ("bridged_dcb", "bridged_dcb.png bridged_dcb.md"),
-    "identification": ("identification", "identification.md"),
     "lap_joint": ("lap_joint", "lap_joint.png"),
     "push_through": ("push_through", "push_through.png"),
     "ironing": ("ironing", "ironing.png"),
@@ -96,14 +92,12 @@ COMMANDS = {
         "mmb-80.png=delamination.png d30.png=delamination_d30.png "
         "fatigue.png=delamination_fatigue.png overview.png=delamination_all.png delamination.md",
     ),
-    "stability": ("stability", "stability.png stability.md stability.csv"),
+    "stability": ("stability", "stability.md stability.csv"),
     "precision": (
         "benchmark precision",
         "precision.png=benchmark_precision.png precision.csv=benchmark_precision.csv",
     ),
-    "tearing_meshes": ("tearing_meshes", "tearing_meshes_neo-hookean.png=tearing_meshes.png"),
     "ratio": ("benchmark ratio", "ratio.md=benchmark_ratio.md"),
-    "peers": ("benchmark peers", "peers.md=benchmark_peers.md"),
     "others": ("others", "others.md=benchmark_others.md"),
     "convergence": ("convergence", "convergence.png convergence.md convergence.csv"),
 }
@@ -115,12 +109,6 @@ TABLES = {
         "Load over opening of de Gracia, Boyano, Arrese and Mujika (2015), fitted by linear "
         "softening and by a law with fibre bridges. The residual is the standard deviation of "
         "load that the fit leaves.",
-    ),
-    "measured_pushout.md": (
-        "Friction and bond from a push-out",
-        "Section 7.4 of the report: friction, strength and critical gap from the two forces that "
-        "the report prints, with a prior of the strength, and from a whole curve of a run with its "
-        "values, with noise. Forces have an error of 1 %.",
     ),
     "convergence.md": (
         "Rates of convergence",
@@ -150,13 +138,6 @@ TABLES = {
         "Tests of the literature against published values and corrected beam theory, with default "
         "options.",
     ),
-    "identification.md": (
-        "Parameters from a curve",
-        "Strength and energy of a bond from 16 points of the curve of a double cantilever beam, "
-        "truth 20 MPa and 0.3 N/mm: runs, processor time, and whether the search ended within 1 % "
-        "of the least cost and half a standard error of its parameters. Runs of vmdg.identify "
-        "carry derivatives.",
-    ),
     "stability.md": (
         "Random stress runs",
         "Runs far from ordinary problems, drawn at random, by family: how they ended, and the "
@@ -179,14 +160,6 @@ TABLES = {
         "friction. Processor time on one core, the least of several runs. The last column compares "
         "with plain elements whose multigrid interpolation is rebuilt in every iteration, as "
         "PETSc does by default.",
-    ),
-    "benchmark_peers.md": (
-        "Two scenes of other cohesive codes",
-        "P1, a plate cracked over a quarter of its width (4,900 unknowns), and P2, two cubes of "
-        "1,000 hexahedra each (7,986 unknowns), in 40 load steps: processor time on one core, "
-        "linear systems, and errors of the initial slope (against plain elements on the same "
-        "mesh), of the largest force and of the work; last the largest share of the work that the "
-        "energies do not account for.",
     ),
     "benchmark_others.md": (
         "vmdg, fedoo and Akantu",

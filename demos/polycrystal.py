@@ -4,7 +4,7 @@ Nickel grains of random orientations, in plane strain or, with ``--solid``, in 3
 stretched along x, free of stress across. Every grain boundary can fail. Damage begins where stiff
 and soft directions meet and spreads to the junctions of three grains; one crack crosses the cell
 from image to image, bridged by interlocking grains until they are pulled out. Where much breaks at
-once the path turns back to smaller strains. The study ``polycrystal_strengths`` runs many cells.
+once the path turns back to smaller strains.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ from .fibre_cell import fibre_cell
 from .fibres import fibre_matrix, random_fibres
 from .files import read_mesh, write_mesh
 from .gmsh_model import TaggedMesh, distribute, model
-from .inclusions import inclusions
 from .packing import pack
 from .partition import cell_partitioner
 from .plate import tearing
@@ -36,7 +35,6 @@ __all__ = [
     "distribute",
     "fibre_cell",
     "fibre_matrix",
-    "inclusions",
     "model",
     "pack",
     "plates",

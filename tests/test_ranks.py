@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import pytest
 import scaling
-from parts.scaling.measure import measure, modelled_ghosts
+from scaling import measure, modelled_ghosts
 from support import ranks
 from support.budgets import over_budget
 
@@ -62,7 +62,6 @@ def test_scaling(comm, tmp_path_factory):
     folder = comm.bcast(str(tmp_path_factory.mktemp("scaling")))
     for fresh in (True, False):
         rows = scaling.main(cells=4, share=0.1, out=folder, fresh=fresh)
-    assert comm.bcast((Path(folder) / "strong.png").stat().st_size) > 10_000
     row, alone = rows[-1], measure(4, MPI.COMM_SELF, share=0.1)
     assert len(rows) == 2
     assert (row.unknowns, row.newton) == (alone.unknowns, alone.newton)

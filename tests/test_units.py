@@ -332,9 +332,6 @@ MESHES: dict[str, Callable[[float, MPI.Comm], TaggedMesh]] = {
     "fibre_matrix": lambda L, comm: meshes.fibre_matrix(
         comm, size=L, radius=0.25 * L, element_size=0.15 * L
     ),
-    "inclusions": lambda L, comm: meshes.inclusions(
-        comm, L, L / 2, L / 4, [(0.4 * L, 0.0), (0.6 * L, L / 2)], 0.1 * L
-    ),
     "pushout": lambda L, comm: meshes.pushout(
         comm, 0.95 * L, 4.3 * L, 5.36 * L, 1.025 * L, 3, 4, 1, 1, 3
     ),

@@ -1,32 +1,122 @@
-"""Seconds, counts and memory of vmdg against plain finite elements and other cohesive codes.
+"""Seconds and work of vmdg against plain finite elements.
 
 Parts, one or several by name: "precision" draws error against unknowns and processor time, "intact"
 lists errors of intact interfaces where they differ most from those of plain elements, "ratio"
 compares one Newton iteration, "plastic" those of plastic and elastic bodies, "separate" those of
-bodies meshed separately and together, "explicit" times steps in time, "small" rows of small
-problems in and outside of compiled code, "derivatives" runs that carry derivatives by parameters,
-"zone" counts Krylov iterations while a zone of failure grows, "step" tells what else a load step
-does, "peers" runs two scenes that other codes were given, "switches" runs one of them with and
-without what can be spared, "kernels" lists what is compiled, "memory" measures the push-out.
-Seconds are processor time of warm runs on one core, the least of some; whatever is compared takes
-turns in one process. On one rank, but "ratio" and "explicit", which on several tell the times of
-the slowest.
+bodies meshed separately and together, "explicit" times steps in time. Seconds are processor time of
+warm runs on one core, the least of some; whatever is compared takes turns in one process. On one
+rank, but "ratio" and "explicit", which on several tell the times of the slowest.
 """
 
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-from parts.benchmark.common import table
-from parts.benchmark.parts import PARTS
-from parts.benchmark.precision import records
+from matplotlib.figure import Figure
+from parts.benchmark import explicit, intact, iterations, precision
+from parts.benchmark.common import DIMENSION
 from parts.options import run
+from parts.tables import markdown, progress
 
-from vmdg.base.timers import timings, timings_since
+#: What was found, its table, and what draws it.
+Outcome = tuple[Any, str, Callable[[], Figure] | None]
+
+
+def precision_part(coarse: bool, repeats: int) -> Outcome:
+    """Errors, seconds and work of three methods on all cells, degrees and meshes."""
+    levels = precision.COARSE if coarse else precision.LEVELS
+    cases = [(c, k, n) for c, d in DIMENSION.items() for k in (1, 2) for n in levels[d, k]]
+    points = []
+    for case in progress(cases, "mesh"):
+        points += precision.measure(*case, repeats)
+    text = markdown(precision.HEAD, precision.rows(points))
+    return points, text, lambda: precision.plot(points)
+
+
+def intact_part(coarse: bool, repeats: int) -> Outcome:
+    """Errors of intact interfaces in rings, around cores and in shells."""
+    kinds = [(c, k) for c, d in DIMENSION.items() for k in (1, 2, 3)[: 1 if coarse else 5 - d]]
+    cases = progress([case for kind in kinds for case in intact.cases(*kind)], "mesh")
+    found = [one for case in cases for one in intact.measure(*case, (intact.TIE, intact.BOND))]
+    return found, markdown(intact.HEAD, intact.rows(found)), None
+
+
+def iteration_table(costs: list[iterations.Cost]) -> str:
+    """Of iterations with the same further columns."""
+    return markdown((*iterations.HEAD, *costs[0].more), [cost.row() for cost in costs])
+
+
+def ratio_part(coarse: bool, repeats: int) -> Outcome:
+    """Newton iterations, direct and with multigrid in 3D, there on a mesh twice as fine too."""
+    size = 0.2 if coarse else 1.0
+    cases = [("2D", damage, True, size) for damage in (False, True)]
+    cases += [("3D", damage, direct, size) for direct in (True, False) for damage in (False, True)]
+    cases += [("3D", damage, False, 2 * size) for damage in (False, True)]
+    shown = MPI.COMM_WORLD.rank == 0
+    rows = [iterations.with_plain(*c[:3], repeats, c[3]) for c in progress(cases, "case", shown)]
+    return rows, iteration_table(rows), None
+
+
+def plastic_part(coarse: bool, repeats: int) -> Outcome:
+    """Points a second, and Newton iterations of plastic bodies against those of elastic ones."""
+    speeds = {
+        name: [iterations.points_a_second(material, small, repeats) for small in (True, False)]
+        for name, material in iterations.METALS.items()
+    }
+    cases = [
+        (small, direct, 2 if coarse else 10, repeats, tied)
+        for tied in (False, True)
+        for direct in (True, False)
+        for small in (True, False)
+    ]
+    costs = [iterations.of_plastic(*case) for case in progress(cases, "case")]
+    points = markdown(
+        ("material", "small strain", "finite strain"),
+        [(name, *speed) for name, speed in speeds.items()],
+    )
+    text = f"{points}\n\n{iteration_table(costs)}"
+    return (speeds, costs), text, None
+
+
+def separate_part(coarse: bool, repeats: int) -> Outcome:
+    """Newton iterations of bodies that are meshed separately against those of one mesh."""
+    cases = [
+        (cell, law, n, repeats)
+        for cell, sizes in iterations.SIZES.items()
+        for n in ((4,) if coarse else sizes)
+        for law in iterations.LAWS
+    ]
+    costs = [iterations.of_separate(*case) for case in progress(cases, "case")]
+    return costs, iteration_table(costs), None
+
+
+def explicit_part(coarse: bool, repeats: int) -> Outcome:
+    """Explicit steps in the plane and in space."""
+    shown = MPI.COMM_WORLD.rank == 0
+    sizes = {"triangle": 64, "quadrilateral": 64, "hexahedron": 20}
+    cases = [
+        (cell, 4 if coarse else n, kinematics, law, 5 if coarse else 100, repeats)
+        for cell, n in sizes.items()
+        for kinematics in ("small", "finite")
+        for law in explicit.LAWS
+    ]
+    costs = [explicit.measure(*case) for case in progress(cases, "case", shown)]
+    return costs, markdown(explicit.HEAD, [cost.row() for cost in costs]), None
+
+
+PARTS: dict[str, Callable[[bool, int], Outcome]] = {
+    "precision": precision_part,
+    "intact": intact_part,
+    "ratio": ratio_part,
+    "plastic": plastic_part,
+    "separate": separate_part,
+    "explicit": explicit_part,
+}
 
 
 def main(
@@ -35,18 +125,16 @@ def main(
     repeats: int = 3,
     out: str = "results/benchmark",
     plot: bool = True,
-    verbose: bool = False,
 ) -> dict[str, Any]:
     """Run parts; what each has found by name.
 
     Args:
-        parts: Some of precision, intact, ratio, plastic, separate, explicit, small, derivatives,
-            zone, step, peers, switches, kernels and memory; all without any.
+        parts: Some of precision, intact, ratio, plastic, separate and explicit; all
+            without any.
         coarse: Small meshes.
         repeats: Runs, of which the fastest counts.
         out: Folder for tables and pictures.
         plot: Draw the pictures.
-        verbose: Print what the timers of vmdg have measured in every part.
 
     Raises:
         ValueError: a part that does not exist.
@@ -56,19 +144,16 @@ def main(
     found, folder, writes = {}, Path(out), MPI.COMM_WORLD.rank == 0
     folder.mkdir(parents=True, exist_ok=True)
     for part in parts or PARTS:
-        before = timings()
         found[part], text, draw = PARTS[part](coarse, repeats)
         if not writes:
             continue
-        if verbose:
-            print(table(("timer", "runs", "s"), timings_since(before)))
         print(f"\n{part}\n\n{text}\n")
         (folder / f"{part}.md").write_text(text + "\n")
         if plot and draw is not None:
             draw().savefig(folder / f"{part}.png", dpi=130)
     if "precision" in found:
         with open(folder / "precision.csv", "w", newline="") as file:
-            lines = records(found["precision"])
+            lines = precision.records(found["precision"])
             writer = csv.DictWriter(file, list(lines[0]))
             writer.writeheader()
             writer.writerows(lines)

@@ -14,7 +14,6 @@ from typing import Annotated
 
 from mpi4py import MPI
 
-from parts.bars import progress
 from parts.benchmark.common import DIMENSION
 from parts.convergence.rates import (
     Row,
@@ -27,6 +26,7 @@ from parts.convergence.rates import (
     write_csv,
 )
 from parts.options import run
+from parts.tables import progress
 
 
 def main(
@@ -34,7 +34,6 @@ def main(
     cell: Annotated[str | None, DIMENSION] = None,
     out: str = "results/convergence",
     plot: bool = True,
-    verbose: bool = False,
 ) -> list[Row]:
     """Run the studies; a row each.
 
@@ -43,20 +42,16 @@ def main(
         cell: Only the studies with cells of this type.
         out: Folder for tables, CSV and picture.
         plot: Draw the picture.
-        verbose: Print every study when it is done.
     """
     comm = MPI.COMM_WORLD
     studies = coarse_studies() if coarse else full_studies()
     studies = [study for study in studies if cell in (None, study.cell)]
     rows = []
     Path(out).mkdir(parents=True, exist_ok=True)
-    bar = progress(studies, "study", shown=comm.rank == 0)
-    for study in bar:
+    for study in progress(studies, "study", shown=comm.rank == 0):
         rows.append(Row(study, [errors(study, n, comm) for n in study.levels]))
         if comm.rank == 0:
             write_csv(rows, Path(out) / "convergence.csv")
-            if verbose:
-                bar.write(table(rows[-1:]))
     if comm.rank == 0:
         text = f"{summary(rows)}\n\n{table(rows)}\n"
         (Path(out) / "convergence.md").write_text(text)

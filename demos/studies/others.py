@@ -13,20 +13,16 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from parts.bars import progress
 from parts.benchmark import peers
 from parts.options import run
-from parts.others import explicit as in_time
-from parts.others.cases import COARSE, HEAD, Line, cases
-from parts.others.environment import prepare
-from parts.tables import markdown, report
+from parts.others.cases import COARSE, HEAD, Line, cases, prepare
+from parts.tables import markdown, progress, report
 
 
 def main(
     coarse: bool = False,
     repeats: int = 1,
     alone: bool = False,
-    explicit: bool = False,
     python: str | None = None,
     out: str = "results/others",
 ) -> list[Line]:
@@ -36,7 +32,6 @@ def main(
         coarse: Small meshes, whose slopes are compared with those of the others all the same.
         repeats: Runs, of which the fastest counts.
         alone: Run vmdg only, which needs no other packages.
-        explicit: Time steps of central differences instead, by vmdg and Akantu.
         python: That the environment of the other codes is made of; without it one is found.
         out: Folder for the table.
 
@@ -45,10 +40,6 @@ def main(
     """
     if MPI.COMM_WORLD.size > 1:
         raise RuntimeError("the other codes run on one rank: leave -n out")
-    if explicit:
-        text = markdown(in_time.HEAD, in_time.rows(8 if coarse else 20, prepare(python)))
-        report(out, "others_explicit", text)
-        return []
     place = None if alone else prepare(python)
     scenes = COARSE.values() if coarse else (peers.P1, peers.P2)
     lines = [case() for case in progress(cases(list(scenes), repeats, place), "run")]

@@ -11,11 +11,9 @@ from pathlib import Path
 
 import numpy as np
 from parts.options import run
-from parts.patch import MATERIAL, Snapshots, build
-from parts.report_stabilization import report_stabilization
+from parts.patch import MATERIAL, Snapshots, build, report_stabilization
 
 import vmdg
-from vmdg.output.fields import FieldWriter
 
 LAW = vmdg.Debonding(strength=50.0, critical_gap=0.2)
 LOADS = (0.0, -0.02, -0.04, -0.06, -0.10)
@@ -66,7 +64,7 @@ def main(
     table_file = Path(out) / "history.csv"
     # The rows of Table 2 are those of five steps.
     options = vmdg.SolveOptions(control="load", progress=True, verbose=verbose, csv=table_file)
-    with FieldWriter(problem, Path(out) / "fields") as fields:
+    with vmdg.FieldWriter(problem, Path(out) / "fields") as fields:
         history = vmdg.solve(problem, LOADS, options, monitor).history
 
     if problem.comm.rank == 0 and pictures:

@@ -14,12 +14,16 @@ from mpi4py import MPI
 
 import numpy as np
 from parts.options import run
-from parts.patch import MATERIAL, Snapshots, build
-from parts.patch_references import residual_norms, softening_bar
-from parts.report_stabilization import report_stabilization
+from parts.patch import (
+    MATERIAL,
+    Snapshots,
+    build,
+    report_stabilization,
+    residual_norms,
+    softening_bar,
+)
 
 import vmdg
-from vmdg.output.fields import FieldWriter
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
 TABLE_1 = (2.8833671e1, 2.9488081e-1, 2.5465645e-5, 7.6179649e-13)
@@ -80,7 +84,7 @@ def main(
         relative_tolerance=1e-11, control="load", progress=True, verbose=verbose, csv=table_file
     )
     loads = end / steps * np.arange(1, steps + 1)
-    with FieldWriter(problem, Path(out) / "fields") as fields:
+    with vmdg.FieldWriter(problem, Path(out) / "fields") as fields:
         history = vmdg.solve(problem, loads, options, monitor).history
 
     if problem.comm.rank == 0 and pictures:

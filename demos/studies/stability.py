@@ -12,17 +12,15 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from parts.bars import progress
 from parts.options import run
-from parts.stability.families import numbers
-from parts.stability.runner import BAD, Outcome, chart, stress, table, write_csv
+from parts.stability.runner import BAD, Outcome, numbers, stress, table, write_csv
+from parts.tables import progress
 
 
 def main(
     each: int = 30,
     only: int | None = None,
     out: str = "results/stability",
-    plot: bool = True,
     verbose: bool = False,
 ) -> list[Outcome]:
     """Run some of every family, or one run. Ranks take turns: every run is one of a single rank.
@@ -30,8 +28,7 @@ def main(
     Args:
         each: Runs of every family, 30 at most.
         only: Number of the only run, for example of one that failed.
-        out: Folder for table, list of runs and picture.
-        plot: Draw the picture.
+        out: Folder for table and list of runs.
         verbose: Print the verdict on every run.
     """
     comm = MPI.COMM_WORLD
@@ -48,8 +45,6 @@ def main(
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "stability.md").write_text(table(outcomes) + "\n")
         write_csv(outcomes, Path(out) / "stability.csv")
-        if plot:
-            chart(outcomes).savefig(Path(out) / "stability.png", dpi=130)
         print(table(outcomes))
         print(f"results are in {out}")
     return outcomes

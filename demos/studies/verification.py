@@ -16,7 +16,7 @@ from parts.delamination.beams import dcb, enf
 from parts.options import run
 from parts.verification.checks import Check, bimaterial_bar, goodier, shrink_fit, table, timed
 from parts.verification.partial_slip import partial_slip
-from parts.verification.shear_lag import push_out
+from pushout_parameters import push_out
 
 import vmdg
 

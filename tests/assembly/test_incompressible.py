@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.mesh import CellType, GhostMode, compute_midpoints, create_box
-from parts.coercivity import cells as random_cells
+from support import random_cells
 from support.budgets import over_budget
 from support.checks import (
     by_position,

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import delamination
-import numpy as np
 import pytest
-from parts.delamination import fatigue
-from parts.delamination.beams import Run, dcb, four_point
-from parts.delamination.cases import Case, measure, table
+from delamination import Case, measure, table
+from parts.delamination.beams import dcb, four_point
 from parts.delamination.laminate import MMB, T300_977
-from parts.delamination.mmb import A_0, CRITICAL, LEVERS, lever_length, mmb, theory
+from parts.delamination.mmb import A_0, LEVERS, lever_length, mmb, theory
 from parts.delamination.peel import peel
 from parts.delamination.peel import theory as peeling
 from parts.delamination.plies import D30, first_growth
-from parts.delamination.vcct import flexibility
-
-import vmdg
 
 
 def test_theory_of_the_lever():
@@ -29,19 +23,6 @@ def test_theory_of_the_lever():
         assert start.load == pytest.approx(load, rel=0.006)
         assert start.ratio == pytest.approx(ratio, abs=0.01)
         assert lever_length(MMB, start.ratio) == pytest.approx(LEVERS[ratio], rel=1e-9)
-
-
-def test_linear_fracture_mechanics():
-    """The published critical points within 1% by a mesh of two cells over an arm; beam theory, its
-    deflection with what the load presses in, within 1.5% by a finer one."""
-    coarse, fine = flexibility(rows=2), flexibility(rows=8, tip=0.125)
-    for ratio, (deflection, load) in CRITICAL.items():
-        c = LEVERS[ratio]
-        assert coarse.critical(c, MMB)[:2] == pytest.approx((load, deflection), rel=0.01)
-        P, w, share = fine.critical(c, MMB)
-        start = theory(MMB, c, A_0)
-        assert (P, w) == pytest.approx((start.load, start.deflection), rel=0.015)
-        assert share == pytest.approx(start.ratio, abs=0.01)
 
 
 def test_mixed_mode_bending():
@@ -108,28 +89,6 @@ def test_case(tmp_path):
     run.history.to_csv(tmp_path / "dcb.csv")
     axes = delamination.overview(tmp_path).axes
     assert [ax.get_title() for ax in axes if ax.lines] == [delamination.CASES["dcb"].title]
-
-
-def test_cycles_without_vmdg(tmp_path):
-    """Arms and law in numpy: the slope of the law, and the growth of a zone that bears sqrt(G/G_c)
-    of what it can; the picture with a run that follows a line of Paris."""
-    found = fatigue.line(fatigue.without_vmdg(2.7))
-    law = fatigue.BOND.wear(1.0, 0.0)
-    assert found[0] == pytest.approx(law.exponent / 2, rel=0.005)
-    zone = found[1] / math.exp(law.log_rate(math.sqrt(fatigue.SHARE), fatigue.BOND.life))
-    assert 0.25 < zone < 0.35
-    crack = fatigue.A_0 + np.linspace(0.0, 3.0, 61)
-    release = fatigue.PLY.G_I * (fatigue.A_0 / crack) ** 8
-    speed = 1e-4 * (release / fatigue.PLY.G_I / fatigue.SHARE) ** 7
-    cycles = np.append(0.0, np.cumsum(np.diff(crack) / np.sqrt(speed[1:] * speed[:-1])))
-    history = vmdg.History()
-    for row in zip(cycles, crack, release, strict=True):
-        named = zip(("cycles", "crack", "mode_1"), row, strict=True)
-        history.append(dict(named) | {"force": 1.0})
-    assert fatigue.line(fatigue.of_history(history)) == pytest.approx((7.0, 1e-4), rel=0.01)
-    case = Case("cycles", lambda verbose: None, motion="cycles")
-    delamination.draw(case, Run(vmdg.Result(history=history), [])).savefig(tmp_path / "cycles.png")
-    assert (tmp_path / "cycles.png").stat().st_size > 10_000
 
 
 def test_unknown_case(tmp_path):

@@ -126,7 +126,6 @@ def test_unknown_part_of_the_benchmark(out):
     [
         ("patch_shear", {}),
         ("two_inclusions", {"element_size": 0.2, "steps": 2}),
-        ("scaling", {"cells": 2, "load": 0.1}),
     ],
 )
 def test_without_pictures(comm, out, monkeypatch, name, options):

@@ -22,7 +22,6 @@ def test_fibre_cell(comm, out):
 def test_strengths(comm, out):
     """Pull and shear fail between bond and weakest cut; runs that are done are not done again."""
     import fibre_cell_strengths as study
-    from parts.fibre_cells import hashin_shtrikman
     from parts.scenes import fibre_cell
 
     BOND, MATRIX = fibre_cell.BOND, fibre_cell.MATRIX
@@ -37,7 +36,7 @@ def test_strengths(comm, out):
     assert 0.5 * BOND[0] < across < MATRIX[0]
     for bulk, shear, cut, share in both[:, 4:]:
         assert 0.5 * BOND[0] < pull < cut < MATRIX[0]
-        low, high = hashin_shtrikman(share)
+        low, high = study.hashin_shtrikman(share)
         assert low[0] < bulk < high[0]
         assert low[1] < shear < high[1]
     assert abs(both[1, 2]) < 1e-6 * across  # free of stress

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import in_time
 import pytest
-from parts.in_time.critical import DIVISIONS, HEAD
+from in_time import DIVISIONS, OF_STEPS
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="measured on one rank")
 
@@ -25,7 +25,7 @@ def test_study(out):
     assert mine.energy[half:].max() < 1.0001 * mine.energy[:half].max()
     assert len(others) == 6 and len(rows) == 2 * len(DIVISIONS)
     for row in rows:
-        share = {name: float(value) for name, value in zip(HEAD[3:], row[3:], strict=True)}
-        assert min(share[name] for name in HEAD[5:]) >= 0.9, row
+        share = {name: float(value) for name, value in zip(OF_STEPS[3:], row[3:], strict=True)}
+        assert min(share[name] for name in OF_STEPS[5:]) >= 0.9, row
         assert share["debonding"] >= share["tied"], row
     assert (out / "in_time.png").stat().st_size > 1e4

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import interfaces
+import interfaces as judges
 import pytest
-from parts.interfaces import judges
-from parts.interfaces.scenes import View, draw
-from parts.stability.execution import execute
-from parts.stability.runner import stress
+from interfaces import View, draw
+from parts.stability.runner import execute, stress
 
 # Coarse meshes, and facets that others do not face.
 pytestmark = pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")

@@ -17,13 +17,3 @@ def test_measured_images(comm, out):
     assert both["bond.strength"] < 0.3 * alone["bond.strength"]
     if comm.rank == 0:
         assert (out / "measured_images.png").stat().st_size > 10_000
-
-
-def test_study(comm, out):
-    """Two seeds per data."""
-    import image_coverage as study
-
-    found = study.main(seeds=2, images=4, facet=1.0, out=str(out))
-    assert found["force and images"][0, 0] < found["force"][0, 0]
-    if comm.rank == 0:
-        assert (out / "image_coverage.md").read_text().count("of 2 |") == 8

@@ -11,7 +11,7 @@ import numpy as np
 import others
 import pytest
 from parts.benchmark import peers
-from parts.others import cases, environment
+from parts.others import cases
 from parts.others.grid import layers
 
 SERIAL = MPI.COMM_WORLD.size == 1
@@ -40,7 +40,7 @@ def test_refused_without_python(offline, out):
     with pytest.raises(RuntimeError, match="no Python /nowhere/python: name another one by --pyth"):
         others.main(python="/nowhere/python", out=str(out))
     with pytest.raises(RuntimeError, match=r"3\.98 to 3\.99, and none of them is found.*--python"):
-        environment.find_python((99, 98))
+        cases.find_python((99, 98))
 
 
 @pytest.mark.skipif(SERIAL, reason="refused on several ranks")

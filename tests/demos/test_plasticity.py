@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import plasticity
 import pytest
-from parts.plasticity import arms, notched, peel, shells
+from parts.plasticity import arms, shells
 
 
 def rows_of(case, comm, out):
@@ -29,48 +29,6 @@ def test_necking(comm, out):
     assert peak.computed == pytest.approx(77.25, rel=2e-3)
     last = rows["necking, tied", "force at 7 mm [kN]", "one body, refined"]
     assert last.computed < 0.4 * peak.computed
-
-
-def test_notched_bar(comm, out):
-    """Force and contraction are the published ones within 2 % until the middle tears, then within
-    4 % where the force falls by a fifth."""
-    for (_, quantity, source), row in rows_of("notched", comm, out).items():
-        if source == "code_aster ssna120a":
-            assert abs(row.error) < (0.04 if "0.4 mm" in quantity else 0.02), quantity
-
-
-def test_law_of_the_notched_bar():
-    """Its area is the published toughness of both halves, 2 x 130 N/mm; tangents and energies on
-    all branches are those of differences, and half way back only the secant is felt."""
-    law, r, ends = notched.BOND, 3 * notched.BOND.softening_modulus, (0.01, 0.1, 0.25, 0.4)
-    normal, still = np.array([[0.6, 0.8]]), np.zeros((1, 2))
-
-    def at(gap, softening, old):
-        x = np.array([gap])
-        load = np.interp(x, [0, 0.02, 0.14, 0.94 / 3, 1], [0, 1200, 1200, 0, 0]) + r * x
-        trial = load[:, None] * normal - r * old
-        update = law.return_map(trial, normal, old, softening, r)
-        assert update.gap == pytest.approx(x[:, None] * normal)
-        h = 1e-4
-        for j, step in enumerate(h * np.eye(2)):
-            moved = [law.return_map(trial + s * step, normal, old, softening, r) for s in (1, -1)]
-            slope = (moved[0].gap - moved[1].gap) / (2 * h)
-            assert update.tangent[:, :, j] == pytest.approx(slope, rel=1e-5, abs=1e-12)
-        return update
-
-    old, softening, spent = still, np.zeros(1), 0.0
-    for end in ends:
-        update = at(end, softening, old)
-        old, softening, spent = update.gap, update.softening, spent + update.damage_work[0]
-    assert spent == pytest.approx(260.0)
-    wide = at(0.25, np.zeros(1), still)
-    back = law.return_map(r * wide.gap / 2, normal, wide.gap * 0, wide.softening, r)
-    assert back.softening == wide.softening and back.damage_work == 0
-    assert np.linalg.norm(back.traction) / np.linalg.norm(back.gap) == pytest.approx(
-        np.linalg.norm(wide.traction) / 0.25
-    )
-    pressed = law.return_map(-5.0 * normal, normal, still, wide.softening, r)
-    assert pressed.traction == pytest.approx(-5.0 * normal) and not pressed.gap.any()
 
 
 def test_membrane(comm, out):
@@ -121,30 +79,7 @@ def test_arms(comm, out):
     assert row.reference < 0.8 * arms.elastic_moment()
 
 
-def test_peel(comm, out):
-    """The moment that peels a plastic strip is that of elementary bending, as is its work, a part
-    of which bends it a little more whenever a facet breaks."""
-    moment, work, flow = rows_of("peel", comm, out).values()
-    assert abs(moment.error) < 3e-3
-    assert abs(work.error) < 0.03
-    assert abs(flow.error) < 0.2
-
-
-def test_theory_of_peeling():
-    """G_c = int K dM up to the moment; the work is that of the bond, what is stored, and flow."""
-    for eta in (0.5, 1.5, 2.5, 3.5):
-        t, found = peel.thickness_of(eta), peel.theory(eta)
-        k = np.linspace(0.0, 20.0, 400001)
-        soft = (1 - peel.ALPHA) * (1.5 - 0.5 / np.maximum(k, 1.0) ** 2) + peel.ALPHA * k
-        M, K = np.where(k < 1, k, soft) * peel.Y * t**2 / 6, 2 * peel.Y * k / (peel.E * t)
-        end = np.searchsorted(M, found.moment) + 1
-        assert np.trapezoid(K[:end], M[:end]) == pytest.approx(peel.G_C, rel=1e-3)
-        assert found.work * peel.G_C == pytest.approx(M[end] * K[end], rel=1e-3)
-    assert peel.theory(0.99).work == pytest.approx(peel.theory(1.01).work, rel=1e-3)
-    assert peel.theory(1.01).flow == pytest.approx(0.0, abs=1e-3)
-
-
 def test_unknown_case():
     """Names what there is."""
-    with pytest.raises(ValueError, match="necking, notched, cook, shells"):
+    with pytest.raises(ValueError, match="necking, cook, shells"):
         plasticity.main(case="bending")

@@ -40,26 +40,3 @@ def test_polycrystal(comm, out, name):
     assert np.abs(history["stress_yy"]).max() < 1e-5 * stress.max()
     assert np.abs(history["hill_mandel"]).max() < 1e-6
     assert (out / "polycrystal.png").stat().st_size > 10_000
-
-
-def test_strengths(comm, out):
-    """The table has what the history has; a study goes on: what is known is not done again."""
-    import polycrystal_strengths as study
-    from parts.polycrystals import COLUMNS
-
-    import vmdg
-
-    few = CELLS["plane"] | {"seeds": 1, "out": str(out)}
-    rows = study.main(**few)
-    comm.barrier()
-    history = vmdg.History.from_csv(out / "polycrystal_0.csv")
-    strain, stress = history["strain_xx"], history["stress_xx"]
-    found = dict(zip(COLUMNS, rows[0], strict=True))
-    assert found["strength [MPa]"] == stress.max()
-    assert found["strain at the peak"] < found["strain where parted"] <= strain[-1]
-    assert found["rows"] == len(history)
-    comm.barrier()
-    (out / "polycrystal_0.csv").unlink(missing_ok=True)
-    comm.barrier()
-    assert (study.main(**few) == rows).all()
-    assert not (out / "polycrystal_0.csv").exists()

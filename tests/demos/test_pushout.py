@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pushout as demo
+import pushout_parameters as pushouts
 import pytest
 import ufl
 from dolfinx import fem
-from parts import pushouts
 from support.checks import integral
 
 import vmdg

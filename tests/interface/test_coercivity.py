@@ -9,7 +9,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from parts.benchmark import intact
-from parts.coercivity import cells as random_cells
+from support import random_cells
 from support.checks import by_position, gather
 from support.problems import MATERIALS, joined
 from support.scenes import (

@@ -8,7 +8,7 @@ from time import sleep
 
 import numpy as np
 import pytest
-from parts.bars import progress
+from parts.tables import progress
 
 import vmdg
 from vmdg.output.bar import interval, shown

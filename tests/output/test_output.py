@@ -12,9 +12,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from parts.vtx import read_vtx
 from support.problems import couple
 from support.scenes import LEFT, RIGHT, two_blocks
+from support.vtx import read_vtx
 
 import vmdg
 from vmdg.base.parallel import global_max, global_sum

@@ -119,7 +119,6 @@ BUDGETS = {
         "r three times what coercivity requires takes two more than a body", krylov=11
     ),
     "damaged block": Budget("as many as of the tie: bodies make the interpolation", krylov=9),
-    "growing zone": Budget("one interpolation for all tangents", krylov=12),
     "cells all apart": Budget("as of a tie", krylov=15),
 }
 

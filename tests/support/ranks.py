@@ -32,7 +32,7 @@ import ductile_grains
 import fibre_matrix as cell
 import load_cycle
 import pushout
-from parts import two_inclusions
+import two_inclusions
 
 from support import apart
 from support.scenes import DIMENSION

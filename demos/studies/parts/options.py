@@ -25,7 +25,6 @@ def run(main: Callable[..., Any], arguments: list[str] | None = None) -> None:
     """Call ``main`` with the options of the command line; rank 0 speaks.
 
     Args:
-        main: Of a demo.
         arguments: Of the command line; None for those of the process.
     """
     command = parser(main)

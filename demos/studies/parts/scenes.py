@@ -5,22 +5,6 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[2]))
 
-import fibre_cell
-import fibre_matrix
-import measured_beam
-import measured_images
-import polycrystal
-import pushout
-import tearing
-import tutorial_law
-
-__all__ = [
-    "fibre_cell",
-    "fibre_matrix",
-    "measured_beam",
-    "measured_images",
-    "polycrystal",
-    "pushout",
-    "tearing",
-    "tutorial_law",
-]
+import fibre_cell as fibre_cell
+import pushout as pushout
+import tutorial_law as tutorial_law

@@ -1,23 +1,35 @@
-"""Tables of the pages, and where studies write them."""
+"""Tables of the pages, where studies write them, and progress bars."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mpi4py import MPI
 
 from matplotlib.figure import Figure
+from tqdm import tqdm
+
+
+def progress(items: Iterable, unit: str, shown: bool = True) -> tqdm:
+    """The items with a bar, which writes a line now and then where the output is a file."""
+    return tqdm(
+        items, unit=unit, mininterval=0.1 if sys.stderr.isatty() else 30.0, disable=not shown
+    )
 
 
 def markdown(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """A Markdown table.
+    """A Markdown table; floats with four digits.
 
     Args:
-        head: Titles of the columns.
         rows: Cells of every line, as they are to be shown.
     """
-    first, *others = (f"| {' | '.join(map(str, cells))} |" for cells in [head, *rows])
+
+    def shown(cell: object) -> str:
+        return f"{cell:.4g}" if isinstance(cell, float) else str(cell)
+
+    first, *others = (f"| {' | '.join(map(shown, cells))} |" for cells in [head, *rows])
     return "\n".join([first, "|" + "---|" * len(head), *others])
 
 

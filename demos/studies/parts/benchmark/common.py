@@ -38,11 +38,8 @@ def layers(
     """A rectangle or box of two layers with the interface across its last direction.
 
     Args:
-        cell: "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
-        divisions: Cells in every direction.
         sizes: Lengths [mm].
         below: How many of the cells of the last direction belong to the lower layer.
-        comm: Communicator.
 
     Returns:
         Mesh; cell tags 1 (lower) and 2 (upper); facet tags 1 bottom, 2 top.
@@ -76,7 +73,6 @@ def least_times(
 
     Args:
         variants: For every variant what it does, by name, in this order.
-        repeats: How often.
     """
     least = {name: dict.fromkeys(steps, np.inf) for name, steps in variants.items()}
     for _ in range(repeats):
@@ -87,15 +83,3 @@ def least_times(
                 spent = MPI.COMM_WORLD.allreduce(process_time() - start, MPI.MAX)
                 least[name][step] = min(least[name][step], spent)
     return least
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """A Markdown table; numbers with four digits."""
-
-    def text(value: Any) -> str:
-        if isinstance(value, float | np.floating):
-            return f"{value:.4g}"
-        return str(value)
-
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(text(value) for value in row) + " |" for row in lines)

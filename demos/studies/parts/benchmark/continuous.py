@@ -34,8 +34,6 @@ class Plain:
 
     Args:
         tagged: Mesh and tags of the bodies.
-        materials: Material of every tag.
-        degree: Of the displacement.
         springs: Stiffness K [MPa/mm] with which the bodies are tied, T = K g; None for a continuous
             displacement.
         loads: Body force of every tag [N/mm3].
@@ -112,11 +110,6 @@ class Plain:
         nodes = fem.locate_dofs_topological(self.space, d - 1, facets)
         self.prescribed = (d * nodes[:, None] + np.arange(d, dtype=np.int32)).ravel()
 
-    def component(self, facets: NDArray[np.int32], i: int) -> NDArray[np.int32]:
-        """Dofs of one component of the displacement on facets."""
-        d = self.mesh.geometry.dim
-        return d * fem.locate_dofs_topological(self.space, d - 1, facets) + i
-
     def assemble_residual(self) -> NDArray[np.float64]:
         """Forces on owned dofs, zero on prescribed ones [N]; collective."""
         self.forces[:] = -self._load
@@ -146,11 +139,9 @@ class Plain:
         """Newton's method from the present displacement, on one rank.
 
         Args:
-            options: Of the linear solver.
             tolerance: Of the residual relative to all forces on prescribed dofs.
             given: Displacement of the prescribed dofs, to which the first correction moves them;
                 None leaves them where they are [mm].
-            most: Iterations.
 
         Raises:
             RuntimeError: it does not converge.

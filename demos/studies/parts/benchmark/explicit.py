@@ -13,13 +13,12 @@ from time import process_time
 from mpi4py import MPI
 
 import numpy as np
+from parts.benchmark.common import DIMENSION, layers
 
 import vmdg
-from parts.benchmark.common import DIMENSION, layers
 from vmdg.base.timers import timings
 
 HEAD = ("cells", "kinematics", "interface", "number", "us a cell and step", "ms a step")
-LARGE = ("1e5 hexahedra, 1e4 steps", "kinematics", "ranks", "cells", "ms a step", "hours")
 LAWS = {
     "none": None,
     "tied": vmdg.Bonded(),
@@ -29,44 +28,25 @@ LAWS = {
 
 @dataclass(frozen=True)
 class Cost:
-    """Processor time of steps.
+    """Processor time of steps."""
 
-    Attributes:
-        cell: Type of the cells.
-        kinematics: As for :class:`vmdg.Problem`.
-        law: Name of the law.
-        cells: Their number.
-        seconds: Of a step.
-        softening: Share of the points whose bond softens.
-    """
-
-    cell: str
-    kinematics: str
-    law: str
-    cells: int
-    seconds: float
-    softening: float
+    cell: str  # Type of the cells
+    kinematics: str  # As for :class:`vmdg.Problem`
+    law: str  # Name of the law
+    cells: int  # Their number
+    seconds: float  # Of a step
+    softening: float  # Share of the points whose bond softens
 
     def row(self) -> tuple:
         """Of the table below ``HEAD``."""
         each = 1e6 * self.seconds / self.cells
         return (*(self.cell, self.kinematics, self.law, self.cells), each, 1e3 * self.seconds)
 
-    def large_row(self) -> tuple:
-        """Of the table below ``LARGE``, as long as if it had 1e5 cells and 1e4 steps."""
-        ranks, hours = MPI.COMM_WORLD.size, self.seconds * 1e5 / self.cells * 1e4 / 3600
-        return (self.law, self.kinematics, ranks, self.cells, 1e3 * self.seconds, hours)
-
 
 def measure(cell: str, n: int, kinematics: str, law: str, steps: int, repeats: int) -> Cost:
     """Time steps of a body of two cubes of ``n`` cells an edge.
 
     Args:
-        cell: Type of the cells.
-        n: Cells along an edge.
-        kinematics: As for :class:`vmdg.Problem`.
-        law: One of ``LAWS``.
-        steps: Steps between two rows.
         repeats: Rows, of which the fastest counts.
     """
     d = DIMENSION[cell]

@@ -24,12 +24,12 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
-from ufl.core.expr import Expr
-
-import vmdg
 from parts.benchmark.common import DIMENSION
 from parts.convergence.manufactured import Exact
 from parts.convergence.rates import field_errors, interpolate
+from ufl.core.expr import Expr
+
+import vmdg
 from vmdg.meshes import TaggedMesh, blocks
 
 TIE = vmdg.Bonded()
@@ -50,27 +50,16 @@ Fields = tuple[Expr, Expr]
 
 @dataclass(frozen=True)
 class Excess:
-    """Errors relative to those of continuous elements, minus 1.
+    """Errors relative to those of continuous elements, minus 1."""
 
-    Attributes:
-        shape: Of the bodies.
-        cell: Of the mesh.
-        degree: k.
-        n: Cells across each body.
-        contrast: E_1 / E_2.
-        law: Name of the law.
-        l2: Of u in L2.
-        h1: Of GRAD u.
-    """
-
-    shape: str
-    cell: str
-    degree: int
-    n: int
-    contrast: float
-    law: str
-    l2: float
-    h1: float
+    shape: str  # Of the bodies
+    cell: str  # Of the mesh
+    degree: int  # k
+    n: int  # Cells across each body
+    contrast: float  # E_1 / E_2
+    law: str  # Name of the law
+    l2: float  # Of u in L2
+    h1: float  # Of GRAD u
 
 
 def _lame(materials: Materials, d: int) -> NDArray[np.float64]:

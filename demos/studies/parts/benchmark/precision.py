@@ -18,11 +18,11 @@ from time import process_time
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-
-import vmdg
 from parts.benchmark.common import DIMENSION
 from parts.benchmark.continuous import Plain
 from parts.convergence.rates import Study, field_errors, interpolate, tied
+
+import vmdg
 from vmdg.linear.ksp import LDLT
 
 #: Stiffness of the springs [MPa/mm]: 250 soft moduli a mm, as the public one-fibre deck has a dummy
@@ -43,31 +43,18 @@ COARSE = {(2, 1): (8,), (2, 2): (4,), (3, 1): (4,), (3, 2): (2,)}
 
 @dataclass(frozen=True)
 class Point:
-    """One solution.
+    """One solution."""
 
-    Attributes:
-        cell: Of the mesh.
-        degree: k.
-        method: One of ``METHODS``.
-        n: Cells along each mm.
-        size: Number of unknowns.
-        l2: Relative error of u in L2.
-        h1: Of GRAD u.
-        seconds: Processor time of the solution from rest [s].
-        near: The same from the interpolated exact solution [s].
-        solves: Linear systems; with vmdg the predictor is one of them.
-    """
-
-    cell: str
-    degree: int
-    method: str
-    n: int
-    size: int
-    l2: float
-    h1: float
-    seconds: float
-    near: float
-    solves: int
+    cell: str  # Of the mesh
+    degree: int  # k
+    method: str  # One of ``METHODS``
+    n: int  # Cells along each mm
+    size: int  # Number of unknowns
+    l2: float  # Relative error of u in L2
+    h1: float  # Of GRAD u
+    seconds: float  # Processor time of the solution from rest [s]
+    near: float  # The same from the interpolated exact solution [s]
+    solves: int  # Linear systems; with vmdg the predictor is one of them
 
 
 def measure(cell: str, degree: int, n: int, repeats: int) -> list[Point]:

@@ -37,15 +37,10 @@ def body_force(material: vmdg.NeoHookean, u: Expr) -> Expr:
 
 @dataclass(frozen=True)
 class Exact:
-    """An exact solution on a mesh.
+    """An exact solution on a mesh."""
 
-    Attributes:
-        u: Displacement of body 1 and of body 2 (d,) [mm].
-        traction: P.N on the interface, N out of body 1 (d,) [MPa].
-    """
-
-    u: tuple[Expr, Expr]
-    traction: Expr
+    u: tuple[Expr, Expr]  # Displacement of body 1 and of body 2 (d,) [mm]
+    traction: Expr  # P.N on the interface, N out of body 1 (d,) [MPa]
 
 
 def _one_material(material: vmdg.NeoHookean, u: Expr, level: Expr) -> Exact:

@@ -22,15 +22,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
+from parts.convergence.manufactured import Exact, bent, body_force, kinked, sheared, stress
+from parts.tables import markdown
+from parts.topology import facet_cells, global_sum, tags_of_cells
 from ufl.core.expr import Expr
 
 import vmdg
-from parts.convergence.manufactured import Exact, bent, body_force, kinked, sheared, stress
-from parts.tables import markdown
 from vmdg import compat
 from vmdg.base.kernels import compile_expression, compile_form
-from vmdg.base.parallel import global_sum
-from vmdg.domain.topology import facet_cells, tags_of_cells
 from vmdg.meshes import TaggedMesh, blocks
 from vmdg.points.points import Points
 
@@ -49,27 +48,16 @@ DISTORTION = {"triangle": 0.15, "quadrilateral": 0.2, "tetrahedron": 0.1, "hexah
 
 @dataclass(frozen=True)
 class Study:
-    """One row of the table: a family of meshes, an exact solution and two materials.
+    """One row of the table: a family of meshes, an exact solution and two materials."""
 
-    Attributes:
-        cell: "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
-        degree: k of the displacement.
-        shape: Of the interface: "straight", "inclined" or "curved".
-        solution: "sheared", "bent" or "kinked".
-        contrast: E_1/E_2.
-        distorted: Nodes moved at random, along the interface too.
-        levels: Cells along each mm, refined from one to the next.
-        straight_cells: Leave the cells' sides straight along a curved interface.
-    """
-
-    cell: str
-    degree: int
-    shape: str = "straight"
-    solution: str = "kinked"
-    contrast: float = 1.0
-    distorted: bool = False
-    levels: tuple[int, ...] = (4, 8)
-    straight_cells: bool = False
+    cell: str  # "triangle", "quadrilateral", "tetrahedron" or "hexahedron"
+    degree: int  # k of the displacement
+    shape: str = "straight"  # Of the interface: "straight", "inclined" or "curved"
+    solution: str = "kinked"  # "sheared", "bent" or "kinked"
+    contrast: float = 1.0  # E_1/E_2
+    distorted: bool = False  # Nodes moved at random, along the interface too
+    levels: tuple[int, ...] = (4, 8)  # Cells along each mm, refined from one to the next
+    straight_cells: bool = False  # Leave the cells' sides straight along a curved interface
 
     @property
     def loaded(self) -> bool:
@@ -135,42 +123,25 @@ def _distort(mesh: Mesh, n: int, amplitude: float) -> None:
 
 @dataclass(frozen=True)
 class Errors:
-    """Relative errors on one mesh.
+    """Relative errors on one mesh."""
 
-    Attributes:
-        h: 1/n [mm].
-        l2: Of u in L2.
-        h1: Of GRAD u in L2.
-        traction: Of T in L2 of the interface.
-        dofs: Of the displacement.
-        seconds: For mesh, kernels and solution.
-    """
-
-    h: float
-    l2: float
-    h1: float
-    traction: float
-    dofs: int
-    seconds: float
+    h: float  # 1/n [mm]
+    l2: float  # Of u in L2
+    h1: float  # Of GRAD u in L2
+    traction: float  # Of T in L2 of the interface
+    dofs: int  # Of the displacement
+    seconds: float  # For mesh, kernels and solution
 
 
 @dataclass(frozen=True)
 class Tied:
-    """A study on one mesh, at the interpolated exact solution.
+    """A study on one mesh, at the interpolated exact solution."""
 
-    Attributes:
-        problem: The problem.
-        tagged: Its mesh.
-        exact: The solution.
-        forces: Body force of every tag (d,) [N/mm3].
-        sides: Facets where the displacement is prescribed.
-    """
-
-    problem: vmdg.Problem
-    tagged: TaggedMesh
-    exact: Exact
-    forces: dict[int, Expr]
-    sides: NDArray[np.int32]
+    problem: vmdg.Problem  # The problem
+    tagged: TaggedMesh  # Its mesh
+    exact: Exact  # The solution
+    forces: dict[int, Expr]  # Body force of every tag (d,) [N/mm3]
+    sides: NDArray[np.int32]  # Facets where the displacement is prescribed
 
 
 def tied(study: Study, n: int, comm: MPI.Comm = MPI.COMM_WORLD) -> Tied:
@@ -335,20 +306,15 @@ def full_studies() -> list[Study]:
 
 
 def coarse_studies() -> list[Study]:
-    """A few hard ones: every cell and degree, mostly curved, distorted and of high contrast."""
+    """A few hard ones: every cell, mostly curved, distorted and of high contrast."""
     hard = ("kinked", 1e4, True)
     return [
         Study("triangle", 1, "inclined", "sheared", 1.0, False, (16, 32)),
-        Study("triangle", 1, "curved", *hard, (16, 32)),
         Study("triangle", 2, "curved", *hard, (12, 24)),
         Study("triangle", 3, "inclined", *hard, (8, 16)),
-        Study("quadrilateral", 1, "inclined", *hard, (16, 32)),
         Study("quadrilateral", 2, "straight", "bent", 1.0, True, (8, 16)),
         Study("quadrilateral", 2, "curved", *hard, (8, 16, 32)),
-        Study("quadrilateral", 3, "curved", *hard, (8, 16)),
         Study("tetrahedron", 1, "inclined", *hard, (4, 8)),
-        Study("tetrahedron", 2, "inclined", *hard, (3, 5)),
-        Study("hexahedron", 1, "curved", *hard, (4, 8)),
         Study("hexahedron", 2, "curved", *hard, (3, 5)),
     ]
 

@@ -11,32 +11,25 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
+from parts.delamination.laminate import ALFANO_CRISFIELD, IM7_8552, Laminate
+from parts.topology import global_sum
+from parts.verification.checks import Check, compare, describe
 from scipy.optimize import brentq
 
 import vmdg
-from parts.delamination.laminate import ALFANO_CRISFIELD, IM7_8552, ISOTROPIC, Laminate
-from parts.verification.checks import Check, compare, describe
-from vmdg.base.parallel import global_sum
-from vmdg.domain.tags import NamedTags
 from vmdg.meshes import TaggedMesh, beams
 from vmdg.meshes.beams import CONTACT, INTERFACE, LOWER_LEFT, RIGHT, TOP, UPPER_LEFT
 
 
 @dataclass(frozen=True)
 class Run:
-    """A delamination test.
+    """A delamination test."""
 
-    Attributes:
-        result: Of the run; its history has opening, load and crack length, computed and of the
-            theory.
-        checks: Lines of the table.
-        more: Factorizations of other parts of the run.
-        points: Motion and force of those parts, to be drawn with the published ones.
-    """
-
+    # Of the run; its history has opening, load and crack length, computed and of the theory
     result: vmdg.Result
-    checks: list[Check]
-    more: int = 0
+    checks: list[Check]  # Lines of the table
+    more: int = 0  # Factorizations of other parts of the run
+    # Motion and force of those parts, to be drawn with the published ones
     points: Sequence[tuple[float, float]] = ()
 
     @property
@@ -123,7 +116,7 @@ def open_beam(
     a_0: float,
     fine: float,
     kinematics: str = "small",
-) -> tuple[vmdg.Problem, NamedTags]:
+) -> tuple[vmdg.Problem, vmdg.NamedTags]:
     """A double cantilever beam whose load factor is its opening [mm], and the tags of its facets.
 
     Facets are of ``element_size`` from the crack to x = ``fine``.
@@ -197,23 +190,6 @@ def dcb(
         (f"crack at {end:g} mm [mm]", last["crack"], last["crack_exact"]),
     ]
     return Run(result, [compare("DCB", what, *values, mesh) for what, *values in pairs])
-
-
-def long_dcb(verbose: bool = False) -> Run:
-    """The same beam of 200 mm, opened until the crack has run over 70 mm."""
-    return dcb(0.125, end=20.0, length=200.0, finer=2.5, verbose=verbose)
-
-
-def isotropic_dcbs(end: float = 6.0, verbose: bool = False) -> dict[str, Run]:
-    """Isotropic arms with 4 cells in the process zone, 8, and 4 of degree 2, small and finite."""
-    meshes = {"h = 0.5": (0.5, 1), "h = 0.25": (0.25, 1), "h = 0.5, k = 2": (0.5, 2)}
-    return {
-        f"{kinematics}, {name}": dcb(
-            size, end=end, degree=k, m=ISOTROPIC, kinematics=kinematics, verbose=verbose
-        )
-        for kinematics in ("small", "finite")
-        for name, (size, k) in meshes.items()
-    }
 
 
 def enf(

@@ -13,27 +13,22 @@ class Laminate:
     """Two arms of a unidirectional laminate, fibres along x, isotropic across them.
 
     Lengths in mm, moduli and strengths in MPa, energies in N/mm.
-
-    Attributes:
-        E1, E2, G12, nu12, nu23: Elastic constants, E_3 = E_2, G_13 = G_12, nu_13 = nu_12.
-        h: Height of an arm.
-        b: Width.
-        G_I, G_II: Energies of opening and of shear; G_II only where there is shear.
-        strength: Of the bond in opening; in shear sqrt(G_II/G_I) times as much (Turon et al. 2010).
-        exponent: Of the criterion of Benzeggagh and Kenane.
     """
 
+    # E1, E2, G12, nu12, nu23: Elastic constants, E_3 = E_2, G_13 = G_12, nu_13 = nu_12
     E1: float
     E2: float
     G12: float
     nu12: float
     nu23: float
-    h: float
-    b: float
+    h: float  # Height of an arm
+    b: float  # Width
+    # G_I, G_II: Energies of opening and of shear; G_II only where there is shear
     G_I: float
+    # Of the bond in opening; in shear sqrt(G_II/G_I) times as much (Turon et al. 2010)
     strength: float
     G_II: float = math.nan
-    exponent: float = math.nan
+    exponent: float = math.nan  # Of the criterion of Benzeggagh and Kenane
 
     @property
     def material(self) -> vmdg.Orthotropic:
@@ -84,9 +79,6 @@ class Laminate:
 
 #: Alfano and Crisfield 2001 (IJNME 50).
 ALFANO_CRISFIELD = Laminate(135300.0, 9000.0, 5200.0, 0.24, 0.46, 1.5, 20.0, 0.28, 57.0)
-
-#: Another pair of arms, isotropic: process zone of 2 mm.
-ISOTROPIC = Laminate(120e3, 120e3, 120e3 / 2.6, 0.3, 0.3, 1.5, 20.0, 0.28, 40.0)
 
 #: IM7/8552, Krueger 2012, NASA/CR-2012-217562 (MMB); the strength is free in fracture mechanics.
 MMB = Laminate(161e3, 11.38e3, 5.2e3, 0.32, 0.45, 2.25, 25.4, 0.212, 60.0, 0.774, 2.1)

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
-
-import vmdg
 from parts.delamination.beams import Run, arms, at, build, lift, node
 from parts.delamination.laminate import MMB, Laminate
 from parts.verification.checks import compare, describe
+from scipy.optimize import brentq
+
+import vmdg
 
 #: Half the span, and the crack at the start [mm].
 L, A_0 = 50.4, 25.4
@@ -23,19 +23,12 @@ CRITICAL = {0.2: (1.64, 128.5), 0.5: (1.34, 385.0), 0.8: (1.65, 751.0)}
 
 
 class Theory(NamedTuple):
-    """Corrected beam theory at one crack length.
+    """Corrected beam theory at one crack length."""
 
-    Attributes:
-        load: P while the crack runs [N].
-        deflection: w under the lever's load [mm].
-        stiffness: P/w [N/mm].
-        ratio: G_II/G_T.
-    """
-
-    load: float
-    deflection: float
-    stiffness: float
-    ratio: float
+    load: float  # P while the crack runs [N]
+    deflection: float  # w under the lever's load [mm]
+    stiffness: float  # P/w [N/mm]
+    ratio: float  # G_II/G_T
 
 
 def theory(m: Laminate, c: float, a: float) -> Theory:
@@ -51,7 +44,6 @@ def theory(m: Laminate, c: float, a: float) -> Theory:
     and G_I + G_II = G_c(G_II/G_T) by Benzeggagh and Kenane while the crack runs, a <= L.
 
     Args:
-        m: The laminate.
         c: Length of the lever [mm].
         a: Crack length [mm].
     """
@@ -88,11 +80,8 @@ def mmb(
     of the crack, degree 2, small strain as in the reference.
 
     Args:
-        ratio: G_II/G_T at the start.
         end: w [mm].
         element_size: Of facets where the crack runs [mm].
-        rows: Cells over an arm.
-        m: The laminate.
         verbose: Print the residuals of every step.
     """
     c = LEVERS.get(ratio) or lever_length(m, ratio)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from parts.delamination.beams import Run, arms, at
+from parts.verification.checks import compare, describe
 from scipy.optimize import brentq
 
 import vmdg
-from parts.delamination.beams import Run, arms, at
-from parts.verification.checks import compare, describe
 from vmdg.meshes.beams import BOTTOM, INTERFACE
 
 #: Film [mm, MPa], its bond [N/mm, MPa], and the part that is free at the start [mm].
@@ -40,7 +40,6 @@ def peel(
         angle: Between the force and the bonded film behind the crack [degrees].
         length: Of new crack [mm].
         element_size: Of facets [mm].
-        rows: Cells over the film.
         verbose: Print the residuals of every step.
     """
     stations = (0.0, FREE, FREE + length + 3, FREE + length + 6)

@@ -10,35 +10,27 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
-
-import vmdg
 from parts.delamination.beams import Run
 from parts.delamination.laminate import T300_1076
+from parts.topology import global_max, global_sum
 from parts.verification.checks import Check, compare, describe
-from vmdg.base.parallel import global_max, global_sum
+
+import vmdg
 from vmdg.meshes import plates
 from vmdg.meshes.plates import INTERFACE, RIGHT, UPPER_LEFT
 
 
 @dataclass(frozen=True)
 class Plates:
-    """A specimen of Krueger 2008, NASA/TM-2008-215123.
+    """A specimen of Krueger 2008, NASA/TM-2008-215123."""
 
-    Attributes:
-        arms: Materials of the lower and of the upper arm.
-        height: Of an arm [mm].
-        width: Of both [mm].
-        G_c: Of the bond between them, opening [N/mm].
-        strength: Strength of a bond whose zone, 0.9 mm, is short against the arms [MPa].
-        points: By crack length, opening [mm] and load [N] at which a straight front begins to grow
-            in its middle, where G, by VCCT, is G_c first.
-    """
-
-    arms: tuple[vmdg.Material, vmdg.Material]
-    height: float
-    width: float
-    G_c: float
-    strength: float
+    arms: tuple[vmdg.Material, vmdg.Material]  # Materials of the lower and of the upper arm
+    height: float  # Of an arm [mm]
+    width: float  # Of both [mm]
+    G_c: float  # Of the bond between them, opening [N/mm]
+    strength: float  # Strength of a bond whose zone, 0.9 mm, is short against the arms [MPa]
+    # By crack length, opening [mm] and load [N] at which a straight front begins to grow in its
+    # middle, where G, by VCCT, is G_c first
     points: Mapping[float, tuple[float, float]]
 
 
@@ -80,7 +72,6 @@ class Specimen:
     cells come 40 mm of coarse ones; what is further away moves as a rigid body.
 
     Args:
-        tested: The arms.
         a: Crack length [mm].
         fine: Length of fine cells from the front on [mm].
         size: Of their sides along x [mm].
@@ -169,10 +160,8 @@ def first_growth(
     Between two rows the load follows the damage of the point linearly.
 
     Args:
-        tested: The arms.
         a: Crack length [mm].
         verbose: Print the residuals of every step.
-        columns: Cells over the width.
 
     Returns:
         Load [N], stiffness at small load [N/mm], and the run.
@@ -200,9 +189,7 @@ def first_points(
     Compared are load, stiffness, and their quotient, the opening of a front without a zone.
 
     Args:
-        tested: The arms.
         verbose: Print the residuals of every step.
-        columns: Cells over the width.
 
     Returns:
         Lines of the table, openings [mm] and loads [N], the last run, and the factorizations of
@@ -247,7 +234,6 @@ def d30(
         end: Opening [mm].
         size: Of facets along x [mm].
         strength: Of the bond in the run [MPa].
-        columns: Cells over the width.
         verbose: Print the residuals of every step.
     """
     checks, points, first, factorizations = first_points(D30, verbose, columns)

@@ -15,20 +15,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Layers:
-    """Quadrilaterals or hexahedra in two layers, each with nodes of its own.
+    """Quadrilaterals or hexahedra in two layers, each with nodes of its own."""
 
-    Attributes:
-        nodes: Positions (n, d) [mm].
-        cells: Of the lower and of the upper layer, nodes around every cell, in 3D its lower face
-            first (m, 2^d).
-        faces: Bonded facets, nodes of their lower and upper sides (k, 2, 2^(d-1)).
-        twins: Pairs of nodes of the interface (p, 2), where it is cracked too.
-    """
-
-    nodes: np.ndarray
+    nodes: np.ndarray  # Positions (n, d) [mm]
+    # Of the lower and of the upper layer, nodes around every cell, in 3D its lower face first (m,
+    # 2^d)
     cells: tuple[np.ndarray, np.ndarray]
-    faces: np.ndarray
-    twins: np.ndarray
+    faces: np.ndarray  # Bonded facets, nodes of their lower and upper sides (k, 2, 2^(d-1))
+    twins: np.ndarray  # Pairs of nodes of the interface (p, 2), where it is cracked too
 
 
 def _around(ids: np.ndarray) -> np.ndarray:

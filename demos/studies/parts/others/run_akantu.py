@@ -91,10 +91,8 @@ def run(
     Args:
         scene: Fields of a scene of `parts.benchmark.peers`, and its material.
         end: Last displacement of the top [mm].
-        steps: Of equal size.
         opening: At the strength [mm]; None for extrinsic elements.
         tolerance: Of the forces, relative to the strength of the bond.
-        finite: At finite strain, else small.
     """
     extrinsic, strength = opening is None, scene["strength"]
     elastic = {"rho": 1.0, "E": scene["E"], "nu": scene["nu"]}  # a density must be given

@@ -25,7 +25,6 @@ def run(
     Args:
         scene: Fields of a scene of `parts.benchmark.peers`, and its material.
         end: Last displacement of the top [mm].
-        steps: Of equal size.
         opening: At the strength [mm].
         tolerance: Of the forces, relative to the strength of the bond.
         finite: At finite strain (updated Lagrangian), else small.

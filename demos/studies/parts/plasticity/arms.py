@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-
-import vmdg
 from parts.delamination.beams import arms
 from parts.verification.checks import describe
+
+import vmdg
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
 
 #: Aluminium arms and their bond: height [mm], initial crack [mm], toughness [N/mm].
@@ -67,7 +67,6 @@ def open_by_moments(
 
     Args:
         size: Of facets where the crack runs [mm].
-        rows: Cells over an arm.
         growth: Of the crack [mm].
         strength: Of the bond [MPa].
     """

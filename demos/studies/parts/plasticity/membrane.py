@@ -5,10 +5,10 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import numpy as np
-
-import vmdg
 from parts.plasticity.rows import STEEL, Row
 from parts.verification.checks import describe
+
+import vmdg
 from vmdg.meshes import blocks
 from vmdg.meshes.two_blocks import BACK, FRONT, LEFT, RIGHT
 
@@ -35,9 +35,7 @@ def membrane(
     """Displacement of the upper right corner [mm], and the mesh.
 
     Args:
-        cells: Along both directions.
         tied: Whether the membrane is two bodies tied half way, else one.
-        steps: Equal steps of the load.
         current: Whether the shear is a force per current length of the loaded side at the end of
             the run, else a dead load.
         solid: Whether it is a layer of hexahedra between smooth walls, plane strain in 3D.

@@ -5,11 +5,11 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import numpy as np
+from parts.plasticity.rows import STEEL, Row
+from parts.topology import global_max
+from parts.verification.checks import describe
 
 import vmdg
-from parts.plasticity.rows import STEEL, Row
-from parts.verification.checks import describe
-from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
 from vmdg.meshes.two_blocks import BACK, BOTTOM, LEFT, RIGHT
 
@@ -39,7 +39,6 @@ def bar(bond: str | None, across: int, along: int) -> tuple[vmdg.Problem, vmdg.N
 
     Args:
         bond: Key of BONDS for what joins the halves, None for one body.
-        across: Cells over the radius.
         along: Cells over half of the length.
     """
     mesh, cells, facets = blocks(

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from time import process_time
 from typing import TypeVar
 
-import vmdg
 from parts.tables import markdown
+
+import vmdg
 
 T = TypeVar("T")
 
@@ -18,25 +19,15 @@ STEEL = vmdg.J2(206.9e3, 0.29, 450.0, hardening=129.24, saturation=715.0, expone
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes:
-        case: Name of the case.
-        quantity: What is compared, with its unit.
-        computed: By vmdg, with the interface.
-        reference: What it is compared with.
-        source: Where that comes from.
-        mesh: Cells and degree.
-        seconds: Of processor time of the whole case, of this rank.
-    """
-
-    case: str
-    quantity: str
-    computed: float
-    reference: float
-    source: str
-    mesh: str
-    seconds: float = 0.0
+    case: str  # Name of the case
+    quantity: str  # What is compared, with its unit
+    computed: float  # By vmdg, with the interface
+    reference: float  # What it is compared with
+    source: str  # Where that comes from
+    mesh: str  # Cells and degree
+    seconds: float = 0.0  # Of processor time of the whole case, of this rank
 
     @property
     def error(self) -> float:

@@ -26,11 +26,11 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
+from parts.topology import global_max, global_sum
+from parts.verification.checks import describe
 from scipy.optimize import brentq
 
 import vmdg
-from parts.verification.checks import describe
-from vmdg.base.parallel import global_max, global_sum
 from vmdg.meshes import blocks
 from vmdg.meshes.two_blocks import BOTTOM, LEFT, RIGHT, TOP
 
@@ -40,16 +40,11 @@ E, Y = 70e3, 200.0  # MPa
 
 @dataclass(frozen=True)
 class Shell:
-    """The closed form of one shape.
+    """The closed form of one shape."""
 
-    Attributes:
-        sphere: Whether it is a sphere, else a tube.
-        nu: Poisson's ratio.
-        outer, inner: Radii [mm].
-    """
-
-    sphere: bool
-    nu: float
+    sphere: bool  # Whether it is a sphere, else a tube
+    nu: float  # Poisson's ratio
+    # outer, inner: Radii [mm]
     outer: float = B
     inner: float = A
 
@@ -76,8 +71,6 @@ def quarter(
 
     Args:
         radii: Inner one, interface, outer one [mm].
-        rings: Cells across each ring.
-        sectors: Cells along it.
     """
     inner, middle, outer = radii
     place = (middle - inner,) * 2
@@ -92,20 +85,14 @@ def quarter(
 
 @dataclass(frozen=True)
 class Found:
-    """What one run of a shell gives.
+    """What one run of a shell gives."""
 
-    Attributes:
-        widening: Mean radial displacement of the inner surface [mm].
-        front: Radius of the volume that has flown [mm].
-        error: Of the radial displacement, root mean square of the nodes, relative to that of
-            the inner surface.
-        mesh: Cells and degree.
-    """
-
-    widening: float
-    front: float
+    widening: float  # Mean radial displacement of the inner surface [mm]
+    front: float  # Radius of the volume that has flown [mm]
+    # Of the radial displacement, root mean square of the nodes, relative to that of the inner
+    # surface
     error: float
-    mesh: str
+    mesh: str  # Cells and degree
 
 
 def build(
@@ -114,7 +101,6 @@ def build(
     """A quarter of the shell, and radii of points; the load factor is a share of a pressure.
 
     Args:
-        shape: Closed form.
         n: Cells across each of two rings, between which an interface may lie.
         tied: Whether they are two bodies, else one.
         pressure: Inside, at the load factor 1 [MPa].
@@ -157,11 +143,7 @@ def press(shape: Shell, n: int, tied: bool, front: float, steps: int = 8) -> Fou
     """Put a shell under the inner pressure at which the closed form flows up to ``front``.
 
     Args:
-        shape: Closed form.
-        n: As for :func:`build`.
-        tied: Likewise.
         front: Radius of the plastic zone [mm].
-        steps: Equal steps of the pressure.
     """
     problem, radius = build(shape, n, tied, shape.pressure(front))
     vmdg.solve(problem, steps, vmdg.SolveOptions(relative_tolerance=1e-10))

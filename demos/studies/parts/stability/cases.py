@@ -6,9 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
-from scipy.optimize import brentq
-
-import vmdg
 from parts.stability.scenes import (
     Affine,
     Array,
@@ -23,6 +20,9 @@ from parts.stability.scenes import (
     legs,
     rotation,
 )
+from scipy.optimize import brentq
+
+import vmdg
 
 #: Young's modulus of the softest body [MPa].
 E = 1000.0
@@ -71,6 +71,12 @@ def block_pair(
     across = [np.linspace(0, size[a], counts[a] + 1) for a in range(1, d)]
     mesh = box(kind, (first, *across))
     return mesh, np.where(mesh.midpoints[:, 0] < split, 1, 2)
+
+
+def unit_pair(rng: Generator, kinds: Kinds) -> tuple[int, Cells, Array]:
+    """Degree, and two blocks that make a unit square or cube."""
+    kind, degree = choose(rng, kinds)
+    return degree, *block_pair(kind, rng, np.ones(dimension(kind)))
 
 
 def split_plane(mesh: Cells, tags: Array) -> float:
@@ -285,16 +291,14 @@ def aspect_ratio(rng: Generator) -> Case:
 def contrast(rng: Generator) -> Case:
     """Moduli 1 to 1e8 apart."""
     ratio = log_uniform(rng, 1, 1e8)
-    kind, degree = choose(rng, FAILING)
-    size = np.ones(dimension(kind))
-    mesh, tags = block_pair(kind, rng, size)
+    degree, mesh, tags = unit_pair(rng, FAILING)
     mesh = distorted(mesh, rng, 0.5, np.array([split_plane(mesh, tags)]))
     law = random_law(rng, E, 1.0, any_kind=False)
     what = f"contrast {ratio:.2g}, {described(law)}"
     if rng.random() < 0.5:
         moduli = tuple(float(m) for m in rng.permutation([E, E * ratio]))
         nu = rng.uniform(0, 0.4)
-        loads = bar_loads(law, moduli, size, nu, int(rng.integers(2, 15)))
+        loads = bar_loads(law, moduli, mesh.size, nu, int(rng.integers(2, 15)))
         inputs = bar(mesh, tags, moduli, nu, law, loads)
     else:
         bond = Bond(law, (1, 2))
@@ -306,13 +310,11 @@ def contrast(rng: Generator) -> Case:
 def incompressible(rng: Generator) -> Case:
     """Poisson's ratio 0.4 to 0.4999."""
     nu = 0.5 - log_uniform(rng, 1e-4, 1e-1)
-    kind, degree = choose(rng, FAILING)
-    size = np.ones(dimension(kind))
-    mesh, tags = block_pair(kind, rng, size)
+    degree, mesh, tags = unit_pair(rng, FAILING)
     law = random_law(rng, E, 1.0, any_kind=False)
     what = f"nu {nu:.5f}, {described(law)}"
     if rng.random() < 0.5:
-        loads = bar_loads(law, (E, 3 * E), size, nu, int(rng.integers(2, 15)))
+        loads = bar_loads(law, (E, 3 * E), mesh.size, nu, int(rng.integers(2, 15)))
         inputs = bar(mesh, tags, (E, 3 * E), nu, law, loads)
     else:
         materials = two_materials(rng, log_uniform(rng, 1, 100), nu)
@@ -352,44 +354,39 @@ def inverted(rng: Generator) -> Case:
 
 def steep_softening(rng: Generator) -> Case:
     """H from a tenth of r to ten times r: stable, or refused."""
-    kind, degree = choose(rng, TIED)
-    size = np.ones(dimension(kind))
-    mesh, tags = block_pair(kind, rng, size)
+    degree, mesh, tags = unit_pair(rng, TIED)
     nu = rng.uniform(0.0, 0.4)
     # r of such cells is about 10 E / mm.
     H = 10 * E * log_uniform(rng, 0.1, 30)
     strength = E * log_uniform(rng, 1e-3, 3e-2)
     law = vmdg.Debonding(strength, strength / H)
-    loads = bar_loads(law, (E, E), size, nu, int(rng.integers(2, 15)))
+    loads = bar_loads(law, (E, E), mesh.size, nu, int(rng.integers(2, 15)))
     inputs = bar(mesh, tags, (E, E), nu, law, loads)
     return Case("steep softening", described(law), degree=degree, **inputs)
 
 
 def step_sizes(rng: Generator) -> Case:
     """Steps of 1e-3 to 10 times the critical gap in one run."""
-    kind, degree = choose(rng, FAILING)
-    size = np.ones(dimension(kind))
-    mesh, tags = block_pair(kind, rng, size)
+    degree, mesh, tags = unit_pair(rng, FAILING)
     law = random_law(rng, E, 1.0, any_kind=False)
     steps = law.critical_gap * 10 ** rng.uniform(-3, 1, rng.integers(5, 40))
     loads = np.cumsum(steps)
     end = 3 * law.critical_gap + 3 * law.strength / E
     loads = loads[: max(int(np.searchsorted(loads, end)) + 1, 3)]
-    kinematics = str(rng.choice(["finite", "small"])) if (kind, degree) in LINEAR else "finite"
+    kinematics = str(rng.choice(["finite", "small"])) if (mesh.kind, degree) in LINEAR else "finite"
     inputs = bar(mesh, tags, (E, E), 0.3, law, loads, kinematics)
     return Case("step sizes", f"{len(loads)} steps, {described(law)}", degree=degree, **inputs)
 
 
 def load_cycles(rng: Generator) -> Case:
     """Random paths of the end: opening, closing, pressing, sliding, any law, any step."""
-    kind, degree = choose(rng, FAILING)
-    mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)))
+    degree, mesh, tags = unit_pair(rng, FAILING)
     law = random_law(rng, E, 1.0)
     count = int(rng.integers(3, 8))
     points = opening_scale(law) * rng.uniform(-1, 1, (count, mesh.d)) * log_uniform(rng, 0.3, 2)
     points[:, 0] = np.maximum(points[:, 0], -0.02)
     path = Path(np.vstack([np.zeros(mesh.d), points]))
-    small = (kind, degree) in LINEAR and rng.random() < 0.3
+    small = (mesh.kind, degree) in LINEAR and rng.random() < 0.3
     inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), 1.0)
     inputs |= {
         "supports": (Support(mesh.side(0, 0), 0.0), Support(mesh.side(0, -1), path)),
@@ -428,8 +425,7 @@ def dead_loads(rng: Generator) -> Case:
 
 def large_rotation(rng: Generator) -> Case:
     """Opened in part, then turned by up to half a turn a leg."""
-    kind, degree = choose(rng, FAILING)
-    mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)))
+    degree, mesh, tags = unit_pair(rng, FAILING)
     law = random_law(rng, E, 1.0)
     move = opening_scale(law) * rng.uniform(0.1, 0.8) * rng.uniform(-0.5, 1, mesh.d)
     move[0] = abs(move[0])
@@ -477,15 +473,13 @@ def large_strain(rng: Generator) -> Case:
 
 def weak_bond(rng: Generator) -> Case:
     """Strengths down to 1e-12 of the modulus."""
-    kind, degree = choose(rng, TIED)
-    size = np.ones(dimension(kind))
-    mesh, tags = block_pair(kind, rng, size)
+    degree, mesh, tags = unit_pair(rng, TIED)
     strength = E * log_uniform(rng, 1e-12, 1e-4)
     gap = strength / E * log_uniform(rng, 0.5, 1e3)
     law = vmdg.Debonding(strength, gap, float(rng.choice([0.0, 0.3])))
     what = described(law)
     if rng.random() < 0.5:
-        loads = bar_loads(law, (E, E), size, 0.3, int(rng.integers(2, 15)))
+        loads = bar_loads(law, (E, E), mesh.size, 0.3, int(rng.integers(2, 15)))
         inputs = bar(mesh, tags, (E, E), 0.3, law, loads)
     else:
         bond = (Bond(law, (1, 2)),)
@@ -703,14 +697,12 @@ def ogden(rng: Generator) -> Case:
 
 def viscous(rng: Generator) -> Case:
     """Overstress of 1e-3 to 1e3 times the softening in a step, then rest, where it is gone."""
-    kind, degree = choose(rng, TIED)
-    size = np.ones(dimension(kind))
-    mesh, tags = block_pair(kind, rng, size)
+    degree, mesh, tags = unit_pair(rng, TIED)
     ratio = log_uniform(rng, 1e-3, 1e3)
     if rng.random() < 0.5:
         law = random_law(rng, E, 1.0, any_kind=False)
         nu = rng.uniform(0.0, 0.4)
-        loads = bar_loads(law, (E, E), size, nu, int(rng.integers(2, 15)))
+        loads = bar_loads(law, (E, E), mesh.size, nu, int(rng.integers(2, 15)))
         law = replace(law, viscosity=ratio * law.softening_modulus * loads[0])
         inputs = bar(mesh, tags, (E, E), nu, law, loads)
     else:

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import csv
+import re
 import signal
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import perf_counter
 
-import matplotlib.pyplot as plt
-import numpy as np
-from matplotlib.figure import Figure
+from mpi4py import MPI
 
-import vmdg
-from parts.stability.checks import Run, finite
-from parts.stability.execution import Refused, execute
-from parts.stability.families import draw
+import numpy as np
+from numpy.random import Generator
+from parts.stability import cases
+from parts.stability.checks import Record, Run, finite
 from parts.stability.scenes import Case
 from parts.tables import markdown
-from parts.vtx import read_vtx
+
+import vmdg
 
 #: How a run may end, and how it must not.
 GOOD = ("correct", "refused", "stopped")
@@ -33,8 +32,92 @@ BAD = ("wrong", "not finite", "hang", "crash")
 #: Seconds after which a run hangs; compiling on a cold cache counts.
 PATIENCE = 300
 
-#: Every so many runs fields are written to files and read again.
-FILES_EVERY = 10
+
+Family = Callable[[Generator], Case]
+
+#: Families by the number of their first run, which each keeps: they take turns from there.
+FAMILIES: dict[int, tuple[Family, ...]] = {
+    0: (
+        cases.aspect_ratio, cases.contrast, cases.incompressible, cases.distortion, cases.inverted,
+        cases.steep_softening, cases.step_sizes, cases.load_cycles, cases.dead_loads,
+        cases.large_rotation, cases.large_strain, cases.weak_bond, cases.polycrystal,
+        cases.crack_tip, cases.random_facets, cases.inclined, cases.corner_cells,
+        cases.axisymmetric,
+    ),
+    540: (cases.on_demand, cases.ogden, cases.viscous),
+}  # fmt: skip
+
+
+def numbers(each: int) -> list[int]:
+    """Numbers of the first runs of every family, 30 at most."""
+    return [
+        n
+        for first, some in FAMILIES.items()
+        for n in range(first, first + min(each, 30) * len(some))
+    ]
+
+
+def draw(number: int) -> Case:
+    """Case of a number."""
+    first = max(start for start in FAMILIES if start <= number)
+    some = FAMILIES[first]
+    return some[(number - first) % len(some)](np.random.default_rng(number))
+
+
+class Refused(Exception):
+    """A clear error on input where one was due."""
+
+
+def execute(case: Case, comm: MPI.Comm = MPI.COMM_SELF) -> Run:
+    """Solve, up to the end or to the error that stops it.
+
+    Raises:
+        Refused: the input cannot work, and the message says why.
+    """
+    try:
+        problem = case.problem(comm=comm)
+    except ValueError as error:
+        if case.refusal and re.search(case.refusal, str(error)):
+            raise Refused(str(error)) from None
+        raise
+    run = Run(case, problem, [Record.of(problem, case)])
+
+    def monitor(problem: vmdg.Problem) -> None:
+        run.records.append(Record.of(problem, case))
+
+    history = vmdg.History()
+    try:
+        for result in solves(problem, case, monitor, history):
+            run.failures += result.failures
+            run.residuals += result.counts.residuals
+            history = result.history
+    except vmdg.StepFailure as error:
+        run.stopped = str(error)
+        run.failures += error.result.failures
+        run.residuals += error.result.counts.residuals
+    except ValueError as error:
+        if not (case.refusal and re.search(case.refusal, str(error))):
+            raise
+        run.stopped = str(error)
+    run.history = history
+    return run
+
+
+def solves(
+    problem: vmdg.Problem, case: Case, monitor: Callable, history: vmdg.History
+) -> Iterator[vmdg.Result]:
+    """Solve for the loads of a case.
+
+    Where facets open on demand, until none opens at the last load: a step that opens facets leaves
+    them bonded, not yet balanced.
+
+    Raises:
+        vmdg.StepFailure: a step fails.
+    """
+    yield vmdg.solve(problem, case.loads, case.options, monitor, history)
+    before = 0
+    while case.on_demand and before < (before := len(problem.u.x.array)):
+        yield vmdg.solve(problem, case.loads[-1:], case.options, monitor, history)
 
 
 class Hang(BaseException):
@@ -59,38 +142,21 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended.
+    """How a run ended."""
 
-    Attributes:
-        number: Of the run.
-        family: What it was to stress.
-        verdict: One of GOOD or BAD.
-        steps: Converged steps.
-        cuts: Steps that had to be cut.
-        residuals: Assembled by the solver.
-        seconds: Time it took, checks included.
-        case: What was drawn.
-        detail: Message of the error, or what was found wrong.
-    """
-
-    number: int
-    family: str
-    verdict: str
-    steps: int
-    cuts: int
-    residuals: int
-    seconds: float
-    case: str
-    detail: str
+    number: int  # Of the run
+    family: str  # What it was to stress
+    verdict: str  # One of GOOD or BAD
+    steps: int  # Converged steps
+    cuts: int  # Steps that had to be cut
+    residuals: int  # Assembled by the solver
+    seconds: float  # Time it took, checks included
+    case: str  # What was drawn
+    detail: str  # Message of the error, or what was found wrong
 
 
-def examine(run: Run, files: bool = False) -> tuple[str, str]:
-    """Verdict and detail of a run that has ended.
-
-    Args:
-        run: The run.
-        files: Also write table and fields, and look for NaN in the files.
-    """
+def examine(run: Run) -> tuple[str, str]:
+    """Verdict and detail of a run that has ended."""
     if faults := finite(run):
         return "not finite", faults[0]
     faults = run.faults()
@@ -98,10 +164,6 @@ def examine(run: Run, files: bool = False) -> tuple[str, str]:
         faults.append("went through")
     if faults:
         return "wrong", "; ".join([*faults, run.stopped])
-    if files:
-        with TemporaryDirectory() as folder:
-            if faults := files_finite(run, Path(folder)):
-                return "not finite", faults[0]
     return ("stopped", run.stopped) if run.stopped else ("correct", "")
 
 
@@ -111,14 +173,7 @@ def stress(
     execute: Callable[[Case], Run] = execute,
     draw: Callable[[int], Case] = draw,
 ) -> Outcome:
-    """Draw, run and examine one case.
-
-    Args:
-        number: Of the case.
-        patience: Seconds after which it hangs.
-        execute: Runs a case.
-        draw: Case of a number.
-    """
+    """Draw, run and examine one case."""
     start = perf_counter()
     case = draw(number)
     run: Run | None = None
@@ -128,7 +183,7 @@ def stress(
         try:
             with time_limit(patience):
                 run = execute(case)
-                verdict, detail = examine(run, files=number % FILES_EVERY == 0)
+                verdict, detail = examine(run)
         except Refused as refusal:
             verdict, detail = "refused", str(refusal)
         except Hang:
@@ -142,28 +197,6 @@ def stress(
     residuals = run.residuals if run else 0
     seconds = perf_counter() - start
     return Outcome(number, case.family, verdict, steps, cuts, residuals, seconds, str(case), detail)
-
-
-def files_finite(run: Run, folder: Path) -> list[str]:
-    """Write the table and the fields of a run, read them, and look for what is not finite."""
-    run.history.to_csv(folder / "history.csv")
-    with (folder / "history.csv").open() as file:
-        found = [row for row in csv.DictReader(file) if not _finite_row(row)]
-    with vmdg.FieldWriter(run.problem, folder / "fields") as writer:
-        writer.write(run.problem.t)
-    count = 0
-    for path in sorted((folder / "fields").glob("*.bp")):
-        for name, values in read_vtx(path).items():
-            count += 1
-            if not np.isfinite(values).all():
-                found.append(f"{path.name}: {name}")
-    if not count:
-        found.append("no field was written")
-    return [f"not finite in a file: {item}" for item in found]
-
-
-def _finite_row(row: Mapping[str, str]) -> bool:
-    return all(np.isfinite(float(value)) for value in row.values() if value)
 
 
 def families(outcomes: Sequence[Outcome]) -> list[str]:
@@ -201,24 +234,3 @@ def write_csv(outcomes: Sequence[Outcome], path: Path) -> None:
         writer.writerow([field.name for field in fields(Outcome)])
         for outcome in outcomes:
             writer.writerow([round(v, 2) if isinstance(v, float) else v for v in astuple(outcome)])
-
-
-def chart(outcomes: Sequence[Outcome]) -> Figure:
-    """Outcomes by family as stacked bars."""
-    names = families(outcomes)
-    figure, ax = plt.subplots(figsize=(9, 0.34 * len(names) + 1.6), layout="constrained")
-    colours = dict(
-        zip((*GOOD, *BAD), ("#4c9f70", "#6c8ebf", "#e0a83c", *["#c0392b"] * len(BAD)), strict=True)
-    )
-    start = np.zeros(len(names))
-    for verdict, colour in colours.items():
-        share = np.array([counts(outcomes, name)[verdict] for name in names], dtype=float)
-        if verdict in GOOD or share.any():
-            bars = ax.barh(names, share, left=start, color=colour, label=verdict)
-            ax.bar_label(bars, [f"{n:.0f}" if n else "" for n in share], label_type="center")
-        start += share
-    ax.invert_yaxis()
-    ax.set(xlabel="runs", title=f"{len(outcomes)} random stress runs")
-    ax.legend(ncols=len(GOOD) + len(BAD), loc="upper center", bbox_to_anchor=(0.5, -0.12))
-    ax.spines[["top", "right"]].set_visible(False)
-    return figure

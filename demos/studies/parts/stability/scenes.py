@@ -21,13 +21,10 @@ from dolfinx.mesh import (
     meshtags,
 )
 from numpy.typing import NDArray
+from parts.topology import facet_cells
 
 import vmdg
-from parts.coercivity.cells import grid
-from vmdg.assembly.values import Value
-from vmdg.domain.topology import facet_cells
-from vmdg.meshes.partition import cell_partitioner
-from vmdg.points.interface import StabilizationRule
+from vmdg.meshes import cell_partitioner
 
 if TYPE_CHECKING:
     from parts.stability.checks import Run
@@ -40,13 +37,9 @@ Predicate = Callable[[Array], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class Path:
-    """Straight legs between points.
+    """Straight legs between points."""
 
-    Attributes:
-        points: Displacements (n, d) at t = 0, 1, .. n - 1 [mm].
-    """
-
-    points: Array
+    points: Array  # Displacements (n, d) at t = 0, 1, .. n - 1 [mm]
 
     def __call__(self, t: float) -> Array:
         """Displacement (d,) [mm]."""
@@ -56,13 +49,9 @@ class Path:
 
 @dataclass(frozen=True)
 class Affine:
-    """u = t H.x.
+    """u = t H.x."""
 
-    Attributes:
-        gradient: H (d, d).
-    """
-
-    gradient: Array
+    gradient: Array  # H (d, d)
 
     def __call__(self, x: Array, t: float) -> Array:
         """Displacement (d, n) [mm]."""
@@ -71,17 +60,11 @@ class Affine:
 
 @dataclass(frozen=True)
 class OpenAndTurn:
-    """Moves up to t = 1, then turns about the origin: rotated once more from one t to the next.
+    """Moves up to t = 1, then turns about the origin: rotated once more from one t to the next."""
 
-    Attributes:
-        move: Displacement (d,) at t = 1 [mm].
-        axis: Unit vector (3,); (0, 0, 1) in the plane.
-        angle: Of every turn [rad].
-    """
-
-    move: Array
-    axis: Array
-    angle: float
+    move: Array  # Displacement (d,) at t = 1 [mm]
+    axis: Array  # Unit vector (3,); (0, 0, 1) in the plane
+    angle: float  # Of every turn [rad]
 
     def __call__(self, x: Array, t: float) -> Array:
         """Displacement (d, n) [mm]."""
@@ -101,19 +84,12 @@ def rotation(axis: Array, angle: float) -> Array:
 
 @dataclass(frozen=True)
 class Cells:
-    """A box of cells.
+    """A box of cells."""
 
-    Attributes:
-        kind: Type of the cells.
-        nodes: Positions (n, d) [mm].
-        cells: Nodes of the cells (m, corners), in DOLFINx's order.
-        lines: Where the grid lines of every axis were before nodes were moved [mm].
-    """
-
-    kind: str
-    nodes: Array
-    cells: NDArray[np.int64]
-    lines: tuple[Array, ...]
+    kind: str  # Type of the cells
+    nodes: Array  # Positions (n, d) [mm]
+    cells: NDArray[np.int64]  # Nodes of the cells (m, corners), in DOLFINx's order
+    lines: tuple[Array, ...]  # Where the grid lines of every axis were before nodes were moved [mm]
 
     @property
     def d(self) -> int:
@@ -149,10 +125,19 @@ class Cells:
 
 def box(kind: str, lines: tuple[Array, ...]) -> Cells:
     """Cells between grid lines, split into simplices where ``kind`` is one."""
-    patch = grid(kind, tuple(len(line) - 1 for line in lines))
-    numbers = patch.nodes.astype(int)
-    nodes = np.column_stack([line[i] for line, i in zip(lines, numbers.T, strict=True)])
-    return Cells(kind, nodes, patch.cells, lines)
+    d, shape = len(lines), [len(line) for line in lines]
+    nodes = np.stack(np.meshgrid(*lines, indexing="ij"), -1).reshape(-1, d)
+    corners = np.stack(np.meshgrid(*[np.arange(n - 1) for n in shape], indexing="ij"), -1)
+    # The first axis of the reference cell runs fastest.
+    offsets = np.array(np.unravel_index(np.arange(2**d), [2] * d)).T[:, ::-1]
+    each = (corners.reshape(-1, 1, d) + offsets).transpose(2, 0, 1)
+    cells = np.ravel_multi_index(tuple(each), shape)
+    split = {
+        "triangle": [[0, 1, 3], [0, 2, 3]],
+        "tetrahedron": [[0, *path, 7] for path in [(1, 3), (1, 5), (2, 3), (2, 6), (4, 5), (4, 6)]],
+    }.get(kind)
+    cells = cells if split is None else cells[:, split].reshape(-1, d + 1)
+    return Cells(kind, nodes, cells, lines)
 
 
 def distorted(cells: Cells, rng: np.random.Generator, left: float, planes: Array) -> Cells:
@@ -187,113 +172,60 @@ def distorted(cells: Cells, rng: np.random.Generator, left: float, planes: Array
 
 @dataclass(frozen=True)
 class Bond:
-    """An interface.
+    """An interface."""
 
-    Attributes:
-        law: Its law.
-        between: Tags it separates; None where ``facets`` says where it is.
-        facets: Predicate on the midpoints (3, n) of inner facets and the tags (n, 2) of their
-            cells.
-        opens_at: Traction relative to the strength at which facets open on demand; None where all
-            are open from the start.
-        initial_damage: As for :class:`vmdg.Interface`.
-        slides: Whether its surfaces slide, which share no nodes.
-        gap: As for :class:`vmdg.Interface`.
-        surfaces: Nodes of the surfaces (n,) of two bodies that share none, side 1 first, in place
-            of ``between``.
-    """
-
-    law: vmdg.Law
+    law: vmdg.Law  # Its law
+    # Tags it separates; None where ``facets`` says where it is
     between: tuple[int, int] | None = None
+    # Predicate on the midpoints (3, n) of inner facets and the tags (n, 2) of their cells
     facets: Callable[[Array, NDArray[np.int32]], NDArray[np.bool_]] | None = None
+    # Traction relative to the strength at which facets open on demand; None where all are open from
+    # the start
     opens_at: float | None = None
-    initial_damage: Callable[[Array], Array] | None = None
-    slides: bool = False
-    gap: str | None = None
+    slides: bool = False  # Whether its surfaces slide, which share no nodes
+    gap: str | None = None  # As for :class:`vmdg.Interface`
+    # Nodes of the surfaces (n,) of two bodies that share none, side 1 first, in place of
+    # ``between``
     surfaces: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
 
 
 @dataclass(frozen=True)
 class Support:
-    """Prescribed displacement of a side.
+    """Prescribed displacement of a side."""
 
-    Attributes:
-        where: Predicate on coordinates (3, n).
-        value: As for :meth:`vmdg.Problem.dirichlet`.
-        component: As there.
-    """
-
-    where: Predicate
-    value: Value
-    component: int | None = None
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A motion in time.
-
-    Attributes:
-        density: By tag [t/mm3].
-        velocity: At the start, of positions (3, n) [mm/s].
-        scheme: As for :func:`vmdg.solve_dynamics`.
-    """
-
-    density: Mapping[int, float]
-    velocity: Callable[[Array], Array]
-    scheme: vmdg.GeneralizedAlpha | vmdg.CentralDifferences
+    where: Predicate  # Predicate on coordinates (3, n)
+    value: Any  # As for :meth:`vmdg.Problem.dirichlet`
+    component: int | None = None  # As there
 
 
 @dataclass(frozen=True)
 class Case:
-    """One stress run, before it runs.
+    """One stress run, before it runs."""
 
-    Attributes:
-        family: What it is to stress.
-        what: Description of the numbers that were drawn.
-        mesh: Cells.
-        tags: Of the cells (m,).
-        materials: By tag.
-        bonds: Interfaces.
-        supports: Prescribed displacements.
-        loads: Load factors.
-        traction: Dead traction on the high end of the first axis [MPa]; None for none.
-        degree: Of the displacement.
-        kinematics: "finite" or "small".
-        symmetry: None or "axisymmetric".
-        exact: Deviation of the end state from a closed form, relative; None where there is none.
-        refusal: Pattern of the error on input that is a correct answer; "" without one.
-        must_refuse: Whether nothing else is.
-        unchanged_from: Load factor from which on all that happens is a rigid motion.
-        options: Of the run.
-        eigenstrain: As for :class:`vmdg.Problem`.
-        periodic: As there; without supports.
-        motion: A motion, whose times are the load factors; None for equilibrium.
-        judge: Compares all rows of a run with an independent solution; says what is wrong.
-        form: More options of :class:`vmdg.Problem`.
-    """
-
-    family: str
-    what: str
-    mesh: Cells
-    tags: NDArray[np.int32]
-    materials: Mapping[int, vmdg.Material]
-    bonds: tuple[Bond, ...]
-    supports: tuple[Support, ...]
-    loads: Array
+    family: str  # What it is to stress
+    what: str  # Description of the numbers that were drawn
+    mesh: Cells  # Cells
+    tags: NDArray[np.int32]  # Of the cells (m,)
+    materials: Mapping[int, vmdg.Material]  # By tag
+    bonds: tuple[Bond, ...]  # Interfaces
+    supports: tuple[Support, ...]  # Prescribed displacements
+    loads: Array  # Load factors
+    # Dead traction on the high end of the first axis [MPa]; None for none
     traction: Path | None = None
-    degree: int = 1
-    kinematics: str = "finite"
-    symmetry: str | None = None
+    degree: int = 1  # Of the displacement
+    kinematics: str = "finite"  # "finite" or "small"
+    symmetry: str | None = None  # None or "axisymmetric"
+    # Deviation of the end state from a closed form, relative; None where there is none
     exact: Callable[[vmdg.Problem], float] | None = None
-    refusal: str = ""
-    must_refuse: bool = False
+    refusal: str = ""  # Pattern of the error on input that is a correct answer; "" without one
+    must_refuse: bool = False  # Whether nothing else is
+    # Load factor from which on all that happens is a rigid motion
     unchanged_from: float | None = None
-    options: vmdg.SolveOptions = field(default_factory=vmdg.SolveOptions)
-    eigenstrain: Mapping[int, Value] | None = None
-    periodic: vmdg.Periodic | None = None
-    motion: Motion | None = None
+    options: vmdg.SolveOptions = field(default_factory=vmdg.SolveOptions)  # Of the run
+    eigenstrain: Mapping[int, Any] | None = None  # As for :class:`vmdg.Problem`
+    # Compares all rows of a run with an independent solution; says what is wrong
     judge: Callable[[Run], list[str]] | None = None
-    form: Mapping[str, Any] = field(default_factory=dict)
+    form: Mapping[str, Any] = field(default_factory=dict)  # More options of :class:`vmdg.Problem`
 
     def __str__(self) -> str:
         geometry = self.symmetry or self.kinematics
@@ -306,7 +238,7 @@ class Case:
 
     def problem(
         self,
-        stabilizations: tuple[StabilizationRule | None, ...] | None = None,
+        stabilizations: tuple[Callable | None, ...] | None = None,
         opened: tuple[NDArray[np.int32] | None, ...] | None = None,
         comm: MPI.Comm = MPI.COMM_SELF,
     ) -> vmdg.Problem:
@@ -316,7 +248,6 @@ class Case:
             stabilizations: One for every interface in place of (21)-(23).
             opened: Open facets of interfaces that open on demand, which are interfaces from the
                 start then; None for none.
-            comm: Communicator of the mesh.
         """
         mesh, d = self.mesh, self.mesh.d
         element = basix.ufl.element("Lagrange", mesh.kind, 1, shape=(d,))
@@ -338,8 +269,7 @@ class Case:
             turns = self.kinematics == "finite" or bond.slides
             frame = "corotating" if turns else "reference"
             options = {"law": bond.law, "frame": frame, "stabilization": own}
-            options |= {"initial_damage": bond.initial_damage, "sliding": bond.slides}
-            options |= {"gap": bond.gap}
+            options |= {"sliding": bond.slides, "gap": bond.gap}
             if bond.surfaces is not None:
                 options["surfaces"] = tuple(facets_of(dolfinx_mesh, on) for on in bond.surfaces)
             if bond.opens_at is not None and open_ is None:
@@ -357,8 +287,6 @@ class Case:
             self.kinematics,
             symmetry=self.symmetry,
             eigenstrain=self.eigenstrain,
-            periodic=self.periodic,
-            density=self.motion and self.motion.density,
             **self.form,
         )
         for support in self.supports:

@@ -10,36 +10,27 @@ from time import perf_counter
 from mpi4py import MPI
 
 import numpy as np
+from parts.tables import markdown
+from parts.topology import global_max, global_sum
 from scipy.optimize import brentq
 
 import vmdg
-from parts.tables import markdown
-from vmdg.base.parallel import global_max, global_sum
 from vmdg.meshes import blocks, core_and_ring
 
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes:
-        case: Name of the scene.
-        quantity: What is compared, with its unit.
-        computed: By vmdg.
-        exact: By the closed form.
-        error: Relative. Of a field (its largest value is shown) the largest deviation, relative to
-            its largest value.
-        mesh: Cells and degree.
-        seconds: Of the whole scene.
-    """
-
-    case: str
-    quantity: str
-    computed: float
-    exact: float
+    case: str  # Name of the scene
+    quantity: str  # What is compared, with its unit
+    computed: float  # By vmdg
+    exact: float  # By the closed form
+    # Relative. Of a field (its largest value is shown) the largest deviation, relative to its
+    # largest value
     error: float
-    mesh: str
-    seconds: float = 0.0
+    mesh: str  # Cells and degree
+    seconds: float = 0.0  # Of the whole scene
 
 
 @contextmanager

@@ -8,10 +8,10 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
+from parts.topology import global_max
+from parts.verification.checks import Check, compare, compare_field, describe
 
 import vmdg
-from parts.verification.checks import Check, compare, compare_field, describe
-from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
 
 
@@ -80,7 +80,6 @@ class PartialSlip:
         """(U_X, U_Y) at z (n,) [mm].
 
         Args:
-            z: X + i Y (n,).
             load: Share of the pressure and of tau = mu p0, before slip starts; 1 afterwards.
             c: How far slip has spread; 0 before.
         """

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
 
 import basix.ufl
-import matplotlib.pyplot as plt
 import numpy as np
 from dolfinx.mesh import create_mesh, meshtags
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 import vmdg
 from vmdg.domain.topology import facet_cells
 
-DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+from .scenes import DIMENSION
 
 #: Eigenvalues of the tangent scaled to a unit diagonal that rounding cannot tell from zero.
 ROUNDING = 1e-11
@@ -26,15 +23,10 @@ ROUNDING = 1e-11
 
 @dataclass(frozen=True)
 class Patch:
-    """Cells that meet at interfaces on all facets they share.
+    """Cells that meet at interfaces on all facets they share."""
 
-    Attributes:
-        nodes: Positions (n, d) with interfaces at and between integer x.
-        cells: Nodes of the cells.
-    """
-
-    nodes: NDArray[np.float64]
-    cells: NDArray[np.int64]
+    nodes: NDArray[np.float64]  # Positions (n, d) with interfaces at and between integer x
+    cells: NDArray[np.int64]  # Nodes of the cells
 
 
 def grid(cell: str, counts: tuple[int, ...]) -> Patch:
@@ -71,21 +63,14 @@ def pair(cell: str) -> Patch:
 
 @dataclass(frozen=True)
 class Range:
-    """What is drawn; ranges are uniform in the exponent of 10 where the name says so.
+    """What is drawn; ranges are uniform in the exponent of 10 where the name says so."""
 
-    Attributes:
-        aspect: Largest exponent of height to width, either sign.
-        contrast: Largest exponent of the ratio of moduli.
-        nu: Poisson's ratio, lowest and highest; drawn uniform in the exponent of 1 - 2 nu.
-        strain: Largest |F - I|.
-        distortion: Largest shift of a node relative to its cell.
-    """
-
-    aspect: float = 3.0
-    contrast: float = 8.0
+    aspect: float = 3.0  # Largest exponent of height to width, either sign
+    contrast: float = 8.0  # Largest exponent of the ratio of moduli
+    # Poisson's ratio, lowest and highest; drawn uniform in the exponent of 1 - 2 nu
     nu: tuple[float, float] = (0.0, 0.4999)
-    strain: float = 0.5
-    distortion: float = 0.15
+    strain: float = 0.5  # Largest |F - I|
+    distortion: float = 0.15  # Largest shift of a node relative to its cell
 
 
 def positive_moduli(F: NDArray, mu: NDArray, lmbda: NDArray) -> bool:
@@ -103,16 +88,7 @@ def positive_moduli(F: NDArray, mu: NDArray, lmbda: NDArray) -> bool:
 
 
 class Configurations:
-    """Many random copies of a patch in one mesh, apart from each other.
-
-    Args:
-        cell: Type of the cells.
-        patch: What is copied.
-        count: Number of copies.
-        degree: Degree of the displacement.
-        draw: Ranges of what is drawn.
-        seed: Of the random numbers.
-    """
+    """Many random copies of a patch in one mesh, apart from each other."""
 
     def __init__(self, cell: str, patch: Patch, count: int, degree: int, draw: Range, seed: int):
         self._rng = np.random.default_rng(seed)
@@ -228,19 +204,12 @@ class Configurations:
 
 @dataclass(frozen=True)
 class Case:
-    """A class of configurations.
+    """A class of configurations."""
 
-    Attributes:
-        cell: Type of the cells.
-        degree: Degree of the displacement.
-        alone: Two cells and the facet between them; else a patch with interfaces on all facets.
-        count: Number of configurations.
-    """
-
-    cell: str
-    degree: int
-    alone: bool
-    count: int
+    cell: str  # Type of the cells
+    degree: int  # Degree of the displacement
+    alone: bool  # Two cells and the facet between them; else a patch with interfaces on all facets
+    count: int  # Number of configurations
 
     def __str__(self) -> str:
         return f"{self.cell} {self.degree}, {'pair' if self.alone else 'patch'}"
@@ -263,63 +232,3 @@ PATCHES = {
     "tetrahedron": (1, 1, 1),
     "hexahedron": (2, 2, 1),
 }
-
-CASES = (
-    *(Case(cell, 1, True, 330) for cell in DIMENSION),
-    *(Case(cell, 1, False, 80) for cell in DIMENSION),
-    *(Case(cell, 2, True, n) for cell, n in zip(DIMENSION, (120, 120, 60, 20), strict=True)),
-    *(Case(cell, 2, False, n) for cell, n in zip(DIMENSION, (30, 30, 12, 4), strict=True)),
-    *(Case(cell, 3, True, 20) for cell in ("triangle", "quadrilateral")),
-)
-
-
-@dataclass(frozen=True)
-class Count:
-    """What one choice of the safety did to a class of configurations.
-
-    Attributes:
-        negative: Configurations whose tangent has a negative eigenvalue.
-        lowest: Smallest eigenvalue of all, tangents scaled to a unit diagonal.
-        median: Median of the factors used.
-        largest: Largest factor used.
-    """
-
-    negative: int
-    lowest: float
-    median: float
-    largest: float
-
-
-def count(safety: float | str, configurations: Configurations) -> Count:
-    """Negative eigenvalues of the tangents of tied configurations."""
-    problem = configurations.problem(law=vmdg.Bonded(), safety=safety)
-    lowest = configurations.lowest(problem)
-    factor = problem.stabilization[0].safety
-    negative = int((lowest < -ROUNDING).sum())
-    return Count(negative, lowest.min(), float(np.median(factor)), factor.max())
-
-
-def draw(
-    table: Mapping[str, Sequence[Count]], sizes: Sequence[int], safeties: Sequence[float | str]
-) -> Figure:
-    """Share of the configurations that are not coercive.
-
-    Args:
-        table: Counts by class, one for each safety.
-        sizes: Number of configurations of the classes.
-        safeties: Their names.
-    """
-    figure, ax = plt.subplots(figsize=(8, 6.5), layout="constrained")
-    places, height = np.arange(len(table)), 0.8 / len(safeties)
-    for i, safety in enumerate(safeties):
-        negative = np.array([counts[i].negative for counts in table.values()])
-        name = f'"{safety}"' if isinstance(safety, str) else f"{safety:g}"
-        label = f"safety {name}: {negative.sum()} of {sum(sizes)}"
-        ax.barh(places + (i + 0.5) * height - 0.4, 100 * negative / sizes, height, label=label)
-    ax.set(yticks=places, yticklabels=list(table), xlabel="not coercive [%]", xlim=(0, 102))
-    ax.margins(y=0.01)
-    ax.invert_yaxis()
-    ax.grid(axis="x", lw=0.3)
-    ax.set_axisbelow(True)
-    figure.legend(loc="outside upper center", ncols=len(safeties), fontsize=9)
-    return figure

@@ -1,0 +1,387 @@
+"""A Newton iteration of vmdg against another one on the same mesh, part by part.
+
+One iteration is residual, tangent with its boundary conditions, and a linear solve with the same
+solver, multigrid with new coarse matrices on an interpolation that is kept. It is compared
+
+* with plain finite elements, once with a tie, once with every point of the interface at work: the
+  left half opens and is damaged, the right half is pressed, slides and rubs;
+* where bodies flow at every point, with elastic ones: a tie makes their tangent unsymmetric;
+* where bodies are meshed separately, with one mesh: the nodes of the upper body are moved along the
+  interface by up to two fifths of a cell, so that its facets meet two of the others in the plane
+  and four in space. Surfaces that slide are paired again in every residual, and each finds a
+  displacement that it has not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import count
+from time import process_time
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+from parts.benchmark.common import BOTTOM, DIMENSION, LOWER, TOP, UPPER, layers, least_times
+from parts.benchmark.continuous import Plain
+from parts.topology import tags_of_cells
+
+import vmdg
+from vmdg.linear.ksp import (
+    CG_GAMG,
+    LDLT,
+    LU,
+    LinearSolver,
+    Petsc,
+    automatic_options,
+    make_ksp,
+    set_rigid_modes,
+)
+from vmdg.meshes import TaggedMesh, apart
+
+STEPS = ("residual", "tangent", "boundary", "solve")
+HEAD = ("Newton iteration", "unknowns", *(f"{step} [ms]" for step in STEPS))
+HEAD += ("iterations or Gflop", "all [ms]", "ratio")
+#: Of iterative linear solves.
+TOLERANCE = 1e-6
+BODY = vmdg.NeoHookean(E=1000.0, nu=0.3)  # MPa
+
+#: Against plain elements: cells, the layer below the interface; softening that the body can follow,
+#: or the tangent would be indefinite; largest opening, and slip [mm]; strain that presses.
+MESHES = {"2D": ("quadrilateral", (96, 96), 48), "3D": ("hexahedron", (22, 22, 25), 12)}
+BOND = vmdg.Debonding(strength=10.0, critical_gap=1.0, friction=0.3)
+OPENING, PRESSED = 0.05, 0.03
+AT_WORK = (vmdg.Mode.TENSION, vmdg.Mode.SHEAR, vmdg.Mode.FRICTION)
+
+#: Plastic bodies.
+NU, YIELD = 0.3, 8.0  # -, MPa
+METALS = {
+    "J2, linear": vmdg.J2(1000.0, NU, YIELD, hardening=50.0),
+    "J2, Voce": vmdg.J2(1000.0, NU, YIELD, hardening=50.0, saturation=12.0, exponent=20.0),
+    "DruckerPrager": vmdg.DruckerPrager(1000.0, NU, 4.0, 30.0, hardening=50.0),
+}
+
+#: Separate meshes: cells in every direction, half of the last one below the interface; in space
+#: small blocks, of which the interface is a large part, and blocks three times as fine.
+SIZES = {"triangle": (64,), "quadrilateral": (64,), "tetrahedron": (10, 30), "hexahedron": (14, 42)}
+LAWS = {"tied": vmdg.Bonded(), "sliding": vmdg.Contact(friction=0.3)}
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Processor times of the parts of an iteration [s], of the slowest rank."""
+
+    name: str
+    times: Mapping[str, Mapping[str, float]]  # by variant and part; the second over the first
+    sizes: tuple[int, int]  # unknowns
+    efforts: tuple[float, float]  # Krylov iterations of the solves, or operations [1e9]
+    more: dict[str, Any]  # further columns
+
+    def total(self, variant: str) -> float:
+        """Of an iteration [s]."""
+        return sum(self.times[variant].values())
+
+    def row(self) -> list[str]:
+        """Of the table below ``HEAD``, and further columns."""
+
+        def both(one: float, other: float) -> str:
+            return f"{one:.4g} / {other:.4g}"
+
+        names = list(self.times)[:2]
+        one, other = (self.times[name] for name in names)
+        totals = [self.total(name) for name in names]
+        return [
+            self.name,
+            both(*self.sizes),
+            *(both(1e3 * one[step], 1e3 * other[step]) for step in STEPS),
+            both(*self.efforts),
+            both(*(1e3 * total for total in totals)),
+            f"{totals[1] / totals[0]:.3f}",
+            *(f"{value:.4g}" for value in self.more.values()),
+        ]
+
+
+class Direct:
+    """Solves with the present values of a matrix, from scratch."""
+
+    def __init__(self, matrix: PETSc.Mat, options: Petsc, b: np.ndarray):
+        self._ksp, self._matrix = make_ksp(matrix, options), matrix
+        self._x, self._b = matrix.createVecs()
+        self._b.array[:] = b
+
+    def __call__(self) -> None:
+        self._ksp.setOperators(self._matrix)
+        self._ksp.solve(self._b, self._x)
+
+    @property
+    def effort(self) -> float:
+        """Operations of the last elimination [1e9]."""
+        return 1e-9 * self._ksp.getPC().getFactorMatrix().getMumpsRinfog(3)
+
+
+class Multigrid:
+    """The same by the solver of vmdg, its interpolation from the first values of the matrix."""
+
+    def __init__(self, matrix: PETSc.Mat, options: Petsc, b: np.ndarray):
+        self._solver = LinearSolver(matrix, options, LU)
+        self._solver.coarsen()
+        self._x, self._b = matrix.createVecs()
+        self._b.array[:] = b
+        self.effort = 0  # iterations of the last solve
+
+    def __call__(self) -> None:
+        before = self._solver.iterations
+        self._x.set(0.0)
+        self._solver.renew()
+        self._solver.solve(self._b, self._x, TOLERANCE)
+        self.effort = self._solver.iterations - before
+
+
+def iteration(problem: vmdg.Problem, direct: bool) -> dict[str, Callable]:
+    """The parts of an iteration at the displacement of a problem."""
+    parts, held = problem.discretization, problem.loading.prescribed
+    matrix = parts.create_matrix(PETSc.Mat.Type.AIJ if direct else PETSc.Mat.Type.BAIJ)
+    matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+    right = problem.step.assemble_residual().copy()
+    right[problem.loading.owned_prescribed] = 0
+    # Friction makes the tangent of the bodies, of which multigrid is made, no less symmetric.
+    parts.assemble_tangent(matrix, failing=direct)
+    matrix.zeroRowsColumnsLocal(held, 1.0)
+    if direct:
+        solver = Direct(matrix, LDLT if parts.symmetric else LU, right)
+    else:
+        set_rigid_modes(problem.space, parts.geometry, matrix)
+        solver = Multigrid(matrix, automatic_options(problem, 0, 0)[0], right)
+    actions = (
+        problem.step.assemble_residual,
+        lambda: parts.assemble_tangent(matrix),
+        lambda: matrix.zeroRowsColumnsLocal(held, 1.0),
+        solver,
+    )
+    return dict(zip(STEPS, actions, strict=True))
+
+
+def unknowns(problem: vmdg.Problem) -> int:
+    """Of all ranks."""
+    return problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
+
+
+# Plain finite elements
+
+
+def block(dimension: str, damage: bool, refine: float = 1.0) -> vmdg.Problem:
+    """Both bodies, their ends held, tied or displaced so that all points are at work."""
+    return _at_work(_mesh(dimension, refine), damage)
+
+
+def _mesh(dimension: str, refine: float) -> TaggedMesh:
+    cell, (*along, last), below = MESHES[dimension]
+    below, last = max(round(refine * below), 1), max(round(refine * last), 2)
+    divisions = [*(max(round(refine * n), 2) for n in along), last]
+    return layers(cell, divisions, np.ones(len(divisions)), below)
+
+
+def _ends(tagged: TaggedMesh) -> np.ndarray:
+    return np.concatenate([tagged.facet_tags.find(tag) for tag in (BOTTOM, TOP)])
+
+
+def _field(d: int, jump: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Displacement at points [mm]; a ``jump`` of 1 slides the interface and opens half of it.
+
+    The strain of the bodies is that of the continuous body, but for the way to the opening, so that
+    both have much the same to solve.
+    """
+
+    def u(x: np.ndarray) -> np.ndarray:
+        values = np.zeros((d, x.shape[1]))
+        values[0] = 0.01 * x[0] + jump * OPENING
+        values[-1] = (0.003 * x[0] - PRESSED) * x[-1]
+        values[-1] += jump * OPENING * np.maximum(1 - 2 * x[0], 0.0)
+        return values
+
+    return u
+
+
+def _at_work(tagged: TaggedMesh, damage: bool) -> vmdg.Problem:
+    interface = vmdg.Interface(between=(LOWER, UPPER), law=BOND if damage else vmdg.Bonded())
+    bodies = {LOWER: BODY, UPPER: BODY}
+    problem = vmdg.Problem(tagged.mesh, tagged.cell_tags, bodies, [interface])
+    tags, d = tags_of_cells(tagged.mesh, tagged.cell_tags), tagged.mesh.geometry.dim
+    for tag, jump in ((LOWER, 0.0), (UPPER, float(damage))):
+        problem.u.interpolate(_field(d, jump), np.flatnonzero(tags == tag).astype(np.int32))
+    problem.dirichlet(_ends(tagged), 0.0)
+    return problem
+
+
+def with_plain(
+    dimension: str, damage: bool, direct: bool, repeats: int, refine: float = 1.0
+) -> Cost:
+    """vmdg over plain finite elements.
+
+    With multigrid "rebuilt" is plain finite elements whose interpolation is made in every
+    iteration, as PETSc does by itself.
+    """
+    tagged = _mesh(dimension, refine)
+    plain, problem = Plain(tagged, {LOWER: BODY, UPPER: BODY}), _at_work(tagged, damage)
+    plain.u.interpolate(_field(tagged.mesh.geometry.dim, 0.0))
+    plain.prescribe(_ends(tagged))
+    plain.assemble_tangent()
+    forces = plain.assemble_residual()
+    if not direct:
+        set_rigid_modes(plain.space, problem.discretization.geometry, plain.matrix)
+        plain.hold()
+    make = Direct if direct else Multigrid
+    solver = make(plain.matrix, LDLT if direct else CG_GAMG, forces)
+    actions = plain.assemble_residual, plain.assemble_tangent, plain.hold, solver
+    steps = {"plain": dict(zip(STEPS, actions, strict=True)), "vmdg": iteration(problem, direct)}
+    if not direct:
+        rebuilt = CG_GAMG | {"pc_gamg_reuse_interpolation": False}
+        steps["rebuilt"] = steps["plain"] | {"solve": Multigrid(plain.matrix, rebuilt, forces)}
+    times = least_times(steps, repeats)
+
+    def stabilize() -> None:
+        problem.u.x.array[:] *= 1 + 1e-15  # a displacement that no other tau_s was found at
+        problem.discretization.update_stabilization()
+
+    step = least_times({"vmdg": {"step": stabilize}}, repeats)["vmdg"]["step"]
+    active = 0.0
+    if damage:
+        problem.discretization.active[0].commit()
+        modes, comm = problem.discretization.active[0].history.mode, tagged.mesh.comm
+        active = comm.allreduce(np.isin(modes, AT_WORK).sum()) / comm.allreduce(modes.size)
+    totals = {name: sum(parts.values()) for name, parts in times.items()}
+    more = {"to rebuilt": totals["vmdg"] / totals.get("rebuilt", np.nan), "active": active}
+    state = "damage and friction" if damage else "tied"
+    return Cost(
+        f"{dimension}, {state}, {'direct' if direct else 'multigrid'}",
+        times,
+        (plain.size, unknowns(problem)),
+        tuple(steps[name]["solve"].effort for name in ("plain", "vmdg")),
+        more | {"a step more [ms]": 1e3 * step},
+    )
+
+
+# Plastic bodies
+
+
+def points_a_second(material: vmdg.PointMaterial, small: bool, repeats: int) -> float:
+    """How many points a material answers, all of which flow, in batches as in a run."""
+    rng, n = np.random.default_rng(0), 2048
+    H = 0.02 * rng.normal(size=(n, 3, 3))
+    H -= np.trace(H, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+
+    def F(size: float) -> np.ndarray:
+        G = size * H
+        return (G + G.transpose(0, 2, 1)) / 2 if small else np.eye(3) + G
+
+    state = material(F(1.0), material.start(n), np.inf, small).state
+    further, least = F(1.1), np.inf
+    for _ in range(5 * repeats):
+        start = process_time()
+        found = material(further, state, np.inf, small)
+        least = min(least, process_time() - start)
+    assert (found.state[:, 0] > state[:, 0]).mean() > 0.9
+    return n / least
+
+
+def of_plastic(small: bool, direct: bool, n: int, repeats: int, tied: bool = True) -> Cost:
+    """Plastic over elastic bodies: a cube of n x n x n hexahedra of degree 2."""
+    metals = {"elastic": BODY, "plastic": METALS["J2, Voce"]}
+    problems = {name: _cube(body, small, n, tied) for name, body in metals.items()}
+    steps = {name: iteration(problem, direct) for name, problem in problems.items()}
+    bodies = problems["plastic"].discretization.bodies.points
+    deformation = bodies.deformation(problems["plastic"].u)
+    alone = {"plastic": {"points": lambda: bodies.update(deformation, np.inf)}}
+    times, state = least_times(steps, repeats), bodies.state
+    pairs = zip(state.next, state.history, strict=True)
+    flowing = np.concatenate([after[:, 0] > before[:, 0] for after, before in pairs]).mean()
+    maps = 1e3 * least_times(alone, repeats)["plastic"]["points"]
+    words = "small" if small else "finite", "tied" if tied else "one body"
+    return Cost(
+        f"{', '.join(words)}, {'direct' if direct else 'multigrid'}",
+        times,
+        tuple(map(unknowns, problems.values())),
+        tuple(actions["solve"].effort for actions in steps.values()),
+        {"return maps [ms]": maps, "flowing": float(flowing)},
+    )
+
+
+def _cube(body: vmdg.Material, small: bool, n: int, tied: bool) -> vmdg.Problem:
+    tagged = layers("hexahedron", (n, n, n), np.ones(3), n // 2)
+    interfaces = [vmdg.Interface(between=(LOWER, UPPER), law=vmdg.Bonded())] if tied else []
+    bodies, kinematics = {LOWER: body, UPPER: body}, "small" if small else "finite"
+    problem = vmdg.Problem(
+        tagged.mesh, tagged.cell_tags, bodies, interfaces, degree=2, kinematics=kinematics
+    )
+    problem.dirichlet(_ends(tagged), 0.0)
+    problem.u.interpolate(_field(3, 0.0))
+    return problem
+
+
+# Separate meshes
+
+
+def of_separate(cell: str, law: str, n: int, repeats: int) -> Cost:
+    """Separate meshes over one mesh: n cells along an edge, an even number."""
+    problems = {
+        name: _layered(cell, law, n, name == "separate") for name in ("matching", "separate")
+    }
+    steps = {}
+    for name, problem in problems.items():
+        parts = iteration(problem, direct=DIMENSION[cell] == 2)
+        steps[name] = parts | {"residual": _moved(problem, parts["residual"])}
+    pairs = [problem.discretization.active[0].facets for problem in problems.values()]
+    times, cut, u = least_times(steps, repeats), 0.0, problems["separate"].u
+    if law == "sliding":
+        alone = {"separate": {"cut": lambda: pairs[1].surfaces.pairs(u)}}
+        cut = least_times(alone, repeats)["separate"]["cut"]
+    share = 100 * cut / sum(times["separate"].values())
+    return Cost(
+        f"{cell}, {law}",
+        times,
+        tuple(map(unknowns, problems.values())),
+        tuple(parts["solve"].effort for parts in steps.values()),
+        {"pairs a facet": len(pairs[1].facets) / len(pairs[0].facets), "of it cut [%]": share},
+    )
+
+
+def _moved(problem: vmdg.Problem, residual: Callable[[], Any]) -> Callable[[], None]:
+    """The residual at displacements that differ each time, for which surfaces are paired again."""
+    u, steps = problem.u.x.array, count(1)
+    start = u.copy()
+
+    def call() -> None:
+        u[:] = (1 + 1e-9 * next(steps)) * start
+        residual()
+
+    return call
+
+
+def _layered(cell: str, law: str, n: int, separate: bool) -> vmdg.Problem:
+    """Two layers that press each other, their ends held."""
+    d = DIMENSION[cell]
+    tagged = _apart(cell, n) if separate else layers(cell, (n,) * d, np.ones(d), n // 2)
+    slides = {"sliding": True} if separate and law == "sliding" else {}
+    interface = vmdg.Interface(between=(LOWER, UPPER), law=LAWS[law], **slides)
+    bodies = {LOWER: BODY, UPPER: BODY}
+    problem = vmdg.Problem(tagged.mesh, tagged.cell_tags, bodies, [interface])
+    problem.dirichlet(lambda x: np.isclose(x[d - 1], 0) | np.isclose(x[d - 1], 1), 0.0)
+
+    def u(x: np.ndarray) -> np.ndarray:
+        return np.concatenate([0.01 * x[: d - 1], (0.003 * x[:1] - PRESSED) * x[d - 1 : d]])
+
+    problem.u.interpolate(u)
+    return problem
+
+
+def _apart(cell: str, n: int) -> TaggedMesh:
+    """The two layers with meshes of their own."""
+    d, parts = DIMENSION[cell], []
+    for below in (n // 2, 0):
+        part = layers(cell, (*(n,) * (d - 1), n // 2), (*(1.0,) * (d - 1), 0.5), below)
+        parts.append((part.mesh, part.cell_tags, part.facet_tags))
+    x = parts[1][0].geometry.x
+    x[:, d - 1] += 0.5
+    x[:, : d - 1] += 0.4 / n * np.sin(np.pi * x[:, : d - 1])
+    return apart(parts)

@@ -1,1 +1,0 @@
-"""The bonded form on random cells."""

@@ -1,1 +1,0 @@
-"""Rates against exact solutions."""

@@ -1,1 +1,0 @@
-"""Delamination tests against published numbers and closed forms."""

@@ -1,1 +1,0 @@
-"""Random scenes of every kind of interface, and what each is compared with."""

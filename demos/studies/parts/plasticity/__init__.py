@@ -1,1 +1,0 @@
-"""Plastic bodies with interfaces: published values, closed forms, and what vmdg computes."""

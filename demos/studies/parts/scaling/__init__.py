@@ -1,1 +1,0 @@
-"""Work and time over ranks."""

@@ -1,1 +1,0 @@
-"""Random scenes far from ordinary, run and examined."""
