@@ -102,8 +102,19 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         gc.collect()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what the number of ranks can change."""
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``tests/run --all`` adds what takes long."""
+    parser.addoption("--all", action="store_true", help='run tests with the mark "long" too')
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark what the number of ranks can change; leave out what takes long, unless it is named."""
+    named = "long" in config.option.markexpr or any("::" in place for place in config.args)
+    if not config.option.all and not named:
+        long = [item for item in items if item.get_closest_marker("long")]
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
     here = Path(__file__).parent
     chosen = [here / place for place in RANKS]
     for item in items:
