@@ -21,11 +21,12 @@ settings.register_profile("vmdg", derandomize=True, deadline=None, database=None
 settings.load_profile("vmdg")
 
 
-#: Folders and files with the mark "ranks": what the number of ranks can change, one of each kind.
+#: Folders and files with the mark "ranks": what the number of ranks can change, one of each kind,
+#: in addition to tests with `support.scenes.SEVERAL_RANKS`, which compare ranks with one.
 RANKS = (
     *("assembly/test_space.py", "assembly/test_loads.py", "base", "checkpoint"),
-    *("dynamics/test_checkpoints.py", "interface/test_interface.py", "interface/test_tangent.py"),
-    *("interface/test_symbolic.py", "interface/test_nonmatching_bodies.py", "linear"),
+    *("dynamics/test_checkpoints.py", "interface/test_interface.py", "interface/test_symbolic.py"),
+    *("interface/test_nonmatching_bodies.py", "linear/test_system.py", "linear/test_ksp.py"),
     *("meshes/test_partition.py", "output", "points/test_gaps.py", "problem/test_periodic.py"),
     *("problem/test_rigid_face.py", "problem/test_surface.py", "problem/test_supports.py"),
     "sensitivity",
@@ -118,7 +119,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     here = Path(__file__).parent
     chosen = [here / place for place in RANKS]
     for item in items:
-        if any(item.path.is_relative_to(place) for place in chosen):
+        # What is not given the ranks does the same on each of them; two folders take all of them.
+        asks = {"comm", "out"} & {*item.fixturenames}
+        asks = asks or item.path.parent.name in ("base", "output")
+        if asks and any(item.path.is_relative_to(place) for place in chosen):
             item.add_marker("ranks")
 
 

@@ -41,7 +41,7 @@ def problem_of(mesh, tags, interfaces) -> vmdg.Problem:
     return problem
 
 
-@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron"])
+@pytest.mark.parametrize("cell", ["triangle", pytest.param("tetrahedron", marks=pytest.mark.long)])
 def test_three_bodies_meet(comm, cell):
     """One interface for all boundaries gives what one for each gives, to separation."""
     mesh, tags = three_bodies(comm, cell)
