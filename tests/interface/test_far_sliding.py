@@ -12,7 +12,7 @@ import pytest
 from dolfinx.mesh import compute_midpoints
 from support.apart import block, full_rings, moved, rings, stack
 from support.checks import multiply, tangent_matrix
-from support.problems import rotation, set_displacement
+from support.problems import of_two, rotation, set_displacement
 from support.scenes import DIMENSION
 
 import vmdg
@@ -149,8 +149,7 @@ STEPS = np.concatenate([[0.5], np.arange(1.0, 1.1, 0.02), np.arange(1.1, 2.05, 0
 
 
 @pytest.mark.parametrize(
-    ("cell", "cells", "base"),
-    [("quadrilateral", (5, 3), (28, 3)), ("triangle", (10, 3), (28, 3))],
+    ("cell", "cells", "base"), [("quadrilateral", (5, 3), (28, 3)), ("triangle", (10, 3), (28, 3))]
 )
 def test_block_over_facets(cell, cells, base):
     """Over seven facets of a rigid base: N is constant, F = mu N, moments and energies balance."""
@@ -408,10 +407,7 @@ def test_off_the_edge_and_back():
 TIP = np.array([[1, -1, 0], [1, 1, -2], [1, 1, 1]]) / np.sqrt([[2], [6], [3]])
 
 #: Tag, cells and corners of a base and of a block on it.
-_DRAWN = [
-    (1, (24, 3), ([0.0, -1.0], [4.0, 0.0])),
-    (2, (10, 3), ([0.5, 0.0], [1.5, 0.6])),
-]
+_DRAWN = [(1, (24, 3), ([0.0, -1.0], [4.0, 0.0])), (2, (10, 3), ([0.5, 0.0], [1.5, 0.6]))]
 
 
 def all_sides(scene, tag):
@@ -1019,12 +1015,7 @@ def test_tangent_knows_that_pairs_move(cell, cells, base):
 def test_frictionless_bodies_turn_together():
     """A rigid rotation of bodies under pressure turns tractions and leaves forces in balance."""
     scene = stack("quadrilateral", 3, 4)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: SOFT, 2: HARD},
-        [vmdg.Interface(between=(1, 2), law=vmdg.Contact(), sliding=True)],
-    )
+    problem = of_two(scene, vmdg.Contact(), (SOFT, HARD), {"sliding": True})
     find = scene.facet_tags.find
 
     def turned(x, t, shift):

@@ -6,10 +6,7 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from dolfinx.mesh import (
-    compute_midpoints,
-    locate_entities,
-)
+from dolfinx.mesh import compute_midpoints, locate_entities
 from support.checks import by_position
 from support.scenes import box
 

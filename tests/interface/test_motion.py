@@ -60,11 +60,7 @@ def turn_around(comm, cell, **options):
     [
         (MPI.COMM_WORLD, "quadrilateral", {}),
         (MPI.COMM_SELF, "hexahedron", {}),
-        (
-            MPI.COMM_SELF,
-            "quadrilateral",
-            {"n": 2, "materials": MATERIALS},
-        ),
+        (MPI.COMM_SELF, "quadrilateral", {"n": 2, "materials": MATERIALS}),
     ],
     ids=["plane", "space", "plane-two-materials"],
 )
@@ -148,10 +144,7 @@ def along(knots, angles):
     def path(t):
         i = min(int(t), len(knots) - 2)
         s = t - i
-        return (
-            (1 - s) * knots[i] + s * knots[i + 1],
-            (1 - s) * angles[i] + s * angles[i + 1],
-        )
+        return ((1 - s) * knots[i] + s * knots[i + 1], (1 - s) * angles[i] + s * angles[i + 1])
 
     return path
 

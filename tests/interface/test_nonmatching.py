@@ -175,13 +175,7 @@ def test_balance(cell, law):
 def stretched(scene, law, degree, kinematics, **options):
     """Two blocks of one material whose outer surface is deformed uniformly."""
     problem = joined(
-        scene,
-        law,
-        SAME,
-        {"frame": "corotating"},
-        degree=degree,
-        kinematics=kinematics,
-        **options,
+        scene, law, SAME, {"frame": "corotating"}, degree=degree, kinematics=kinematics, **options
     )
     d = scene.mesh.geometry.dim
     H = STRAIN[:d, :d]

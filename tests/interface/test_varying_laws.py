@@ -65,8 +65,7 @@ def pulled(scene, interfaces, **options) -> vmdg.Problem:
     problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: STEEL, 2: STEEL}, interfaces, **options)
     problem.dirichlet(scene.facet_tags.find(1), 0.0)
     problem.dirichlet(
-        scene.facet_tags.find(2),
-        lambda x, t: t * np.vstack([0.03 + 0.05 * x[1], 0 * x[0] - 0.03]),
+        scene.facet_tags.find(2), lambda x, t: t * np.vstack([0.03 + 0.05 * x[1], 0 * x[0] - 0.03])
     )
     return problem
 
@@ -88,10 +87,7 @@ def both(problem) -> np.ndarray:
 def test_equals_groups(comm, law, kinematics):
     """One interface with f(x), an array or a Function, and one interface for each value."""
     scene = two_blocks(comm, "quadrilateral", 4)
-    parts = [
-        vmdg.Interface(low, law=law(WEAK)),
-        vmdg.Interface(high, law=law(STRONG)),
-    ]
+    parts = [vmdg.Interface(low, law=law(WEAK)), vmdg.Interface(high, law=law(STRONG))]
     groups = pulled(scene, parts, kinematics=kinematics)
     history, expected = run(groups), both(groups)
     given = [vmdg.Interface(between=(1, 2), law=law(step))]
