@@ -31,7 +31,6 @@ def pulled(comm, n: int = 2, law: vmdg.Law = LAW, **options) -> vmdg.Problem:
 
 
 def solve(problem, loads, **options) -> vmdg.Result:
-    """With a force in the history."""
     monitor = lambda problem: {"force [N]": problem.reaction(lambda x: np.isclose(x[0], 0))[0]}  # noqa: E731
     return vmdg.solve(problem, loads, vmdg.SolveOptions(**options), monitor)
 
@@ -45,7 +44,6 @@ def test_quiet_by_default(comm, capfd):
 
 @pytest.fixture(autouse=True)
 def wide(monkeypatch):
-    """A terminal that cuts nothing."""
     monkeypatch.setenv("COLUMNS", "400")
     monkeypatch.setenv("LINES", "50")
 
