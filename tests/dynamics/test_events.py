@@ -45,6 +45,7 @@ def test_energy_of_a_long_run(comm):
     assert np.abs(drift).max() < 5e-5 * history["external"][0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("speed", "friction"), [(0.02, 0.3), (0.001, 0.9)], ids=["slip", "stick"])
 def test_block_thrown_onto_a_rough_floor(comm, speed, friction):
     """A wide block falls, touches for 2 H/c and leaves as fast; sliding friction takes mu of its

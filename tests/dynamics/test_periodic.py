@@ -225,6 +225,7 @@ def test_resumed(comm, out, scheme, drive):
         assert one == pytest.approx(other, abs=1e-9)
 
 
+@pytest.mark.long
 def test_slow_loads_are_statics(comm):
     """Under a mean stress that grows slowly the state is that of equilibrium, and the stress is the
     given one at all times; statics that continues finds the same."""

@@ -132,6 +132,7 @@ def test_block_thrown_onto_a_floor(comm, scheme):
     assert np.abs(history["imbalance"]).max() < 1e-3 * lost
 
 
+@pytest.mark.long
 def test_in_space(comm):
     """The same of a hexahedral block."""
     fall, speed, history = thrown(

@@ -204,10 +204,7 @@ def kinks_of_cycle(friction, frame):
     return found[np.diff(found, prepend=-1) > 1e-6]
 
 
-@pytest.mark.parametrize(
-    ("friction", "frame"),
-    [pytest.param(0.0, "reference", marks=pytest.mark.long), (0.3, "corotating")],
-)
+@pytest.mark.parametrize(("friction", "frame"), [(0.0, "reference"), (0.3, "corotating")])
 def test_load_cycle(friction, frame):
     """Open, close, press, shear, reopen: Q grows only, T follows the law, the energies balance.
 

@@ -221,6 +221,7 @@ def test_fluid_parts_a_bar(comm, kinematics, condensed, critical_gap):
     assert gap[-1] > critical_gap
 
 
+@pytest.mark.long
 def test_pressure_as_a_function_of_the_opening(comm):
     """The same bar with p exp(-g/.02), g of the step before; the share has to fit the points."""
     law = vmdg.Debonding(strength=bar.STRENGTH, critical_gap=0.05)

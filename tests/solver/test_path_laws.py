@@ -170,6 +170,7 @@ def test_strains_that_turn(comm, knots):
 # Snaps
 
 
+@pytest.mark.long
 @settings(max_examples=1)
 @given(
     strengths=st.lists(st.floats(4.0, 9.8), min_size=4, max_size=4),

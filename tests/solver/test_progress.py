@@ -77,6 +77,7 @@ def test_bar_shows_what_is_asked_for(comm, capsys):
         solve(pulled(comm), [0.01], progress=ALWAYS, show="torque")
 
 
+@pytest.mark.long
 def test_bar_while_a_step_is_cut_or_jumps(comm, capsys):
     """Why a step fails, the viscous steps of a jump, and part of a step on the bar."""
     brittle = vmdg.Debonding(strength=20.0, critical_gap=0.004)

@@ -45,9 +45,7 @@ def test_one_step(cell, angle):
         assert now == pytest.approx(then, abs=1e-8 * scale)
 
 
-@pytest.mark.parametrize(
-    "cell", ["quadrilateral", pytest.param("hexahedron", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 def test_one_step_of_turn_and_stretch(cell):
     """Opened further on the way, the bond is as it is without the turn."""
     states = []
