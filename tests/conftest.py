@@ -21,11 +21,12 @@ settings.register_profile("vmdg", derandomize=True, deadline=None, database=None
 settings.load_profile("vmdg")
 
 
-#: Folders and files with the mark "ranks": what the number of ranks can change, one of each kind.
+#: Folders and files with the mark "ranks": what the number of ranks can change, one of each kind,
+#: in addition to tests with `support.scenes.SEVERAL_RANKS`, which compare ranks with one.
 RANKS = (
     *("assembly/test_space.py", "assembly/test_loads.py", "base", "checkpoint"),
-    *("dynamics/test_checkpoints.py", "interface/test_interface.py", "interface/test_tangent.py"),
-    *("interface/test_symbolic.py", "interface/test_nonmatching_bodies.py", "linear"),
+    *("dynamics/test_checkpoints.py", "interface/test_interface.py", "interface/test_symbolic.py"),
+    *("interface/test_nonmatching_bodies.py", "linear/test_system.py", "linear/test_ksp.py"),
     *("meshes/test_partition.py", "output", "points/test_gaps.py", "problem/test_periodic.py"),
     *("problem/test_rigid_face.py", "problem/test_surface.py", "problem/test_supports.py"),
     "sensitivity",
@@ -102,12 +103,26 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         gc.collect()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what the number of ranks can change."""
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``tests/run --all`` adds what takes long."""
+    parser.addoption("--all", action="store_true", help='run tests with the mark "long" too')
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark what the number of ranks can change; leave out what takes long, unless it is named."""
+    named = "long" in config.option.markexpr or any("::" in place for place in config.args)
+    if not config.option.all and not named:
+        long = [item for item in items if item.get_closest_marker("long")]
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
     here = Path(__file__).parent
     chosen = [here / place for place in RANKS]
     for item in items:
-        if any(item.path.is_relative_to(place) for place in chosen):
+        # What is not given the ranks does the same on each of them; two folders take all of them.
+        asks = {"comm", "out"} & {*item.fixturenames}
+        asks = asks or item.path.parent.name in ("base", "output")
+        if asks and any(item.path.is_relative_to(place) for place in chosen):
             item.add_marker("ranks")
 
 

@@ -144,7 +144,6 @@ def overridden(where: str) -> bool:
 
 
 def parameters(item: object) -> list[str]:
-    """Names of the arguments a caller gives."""
     function = unwrapped(item)
     if inspect.isclass(function):
         if "__init__" not in vars(function):

@@ -52,7 +52,6 @@ class Machine:
         (self.headers / "Python.h").touch()
 
     def run(self, code: str, **variables: str) -> subprocess.CompletedProcess[str]:
-        """Run Python after the modules have been imported."""
         environment = {k: v for k, v in os.environ.items() if k not in ("CC", "VMDG_JIT_CACHE")}
         environment |= {
             "XDG_CACHE_HOME": str(self.cache.parent),
@@ -70,7 +69,6 @@ class Machine:
 
 @pytest.fixture
 def machine(tmp_path) -> Machine:
-    """One with nothing in its cache."""
     return Machine(tmp_path)
 
 
@@ -269,7 +267,6 @@ def test_wheels_are_locked():
     ("arguments", "message"),
     [
         (["-n"], "-n needs a value"),
-        (["-n", "0"], "-n takes a number of ranks, not '0'"),
         (["-j", "x"], "-j takes a number of processes, not 'x'"),
         (["-n2", "-j2"], "-j 2 is for the serial suite"),
         (["--dolfinx=0.9"], "--dolfinx takes only the word 'latest'"),
@@ -314,6 +311,7 @@ def test_mpi_of_the_wheel(tmp_path, wheel):
     assert done.stdout.strip() == (str(library) if wheel else "")
 
 
+@pytest.mark.long
 def test_process_that_dies(tmp_path):
     """``tests/run -j`` ends where a process ends in a test, fails, and names the test once."""
     (tmp_path / "test_dies.py").write_text("import os\n\ndef test_dies():\n    os._exit(0)\n")

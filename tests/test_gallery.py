@@ -17,13 +17,11 @@ PAGES = [ROOT / "README.md", *sorted(ROOT.glob("[!.]*/**/*.md"))]
 
 
 def linked() -> set[str]:
-    """Files of the gallery that a page shows or links."""
     found = [re.findall(r"gallery/([\w.-]+\.\w+)", page.read_text()) for page in PAGES]
     return {name for names in found for name in names}
 
 
 def made() -> list[str]:
-    """Names and patterns of what commands make."""
     return [
         name for _, files in SCRIPT["COMMANDS"].values() for name in SCRIPT["in_gallery"](files)
     ]
@@ -70,7 +68,6 @@ def test_page_of_a_table():
 
 
 def named_tables() -> dict[str, str]:
-    """First table of every page of the gallery."""
     return {
         file.stem: re.search(r"(?:^\|.*\n)+", file.read_text(), re.MULTILINE)[0].strip()
         for file in sorted(GALLERY.glob("*.md"))
@@ -78,7 +75,6 @@ def named_tables() -> dict[str, str]:
 
 
 def rows(table: str) -> list[list[str]]:
-    """Cells of the lines below the head of a table."""
     return [[c.strip() for c in line.strip("|").split("|")] for line in table.splitlines()[2:]]
 
 

@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SCENES = ["load cycle", "fibres, on demand", "push-out"]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
 def test_any_number_of_ranks(tmp_path):
     """Reversals, facets that open on demand, three dimensions, on one rank and on three.
@@ -35,6 +36,7 @@ def test_bodies_meshed_separately(tmp_path):
     compare(list(ranks.APART), (2,), tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
 def test_bonds_of_plastic_bodies(tmp_path):
     """The same steps while boundaries of grains that flow fail and come off, on one rank and on

@@ -210,7 +210,15 @@ def test_links(page):
         assert (page.parent / target).exists(), f"{page.name} links {target}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+#: Pages whose blocks of Python take more than some seconds.
+LONG = "HOWTO.md", "MICROSTRUCTURE.md"
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=[pytest.mark.long] * (page.name in LONG)) for page in PAGES],
+    ids=lambda page: page.name,
+)
 def test_python_blocks(page, out, monkeypatch):
     """Blocks of Python run as printed, one after the other in a page."""
     monkeypatch.chdir(out)

@@ -49,7 +49,6 @@ def folders() -> Iterator[Path]:
 
 
 def module_name(path: Path) -> str:
-    """Dotted name of a file of the package."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -59,7 +58,6 @@ TREES = {name: ast.parse(path.read_text()) for name, path in FILES.items()}
 
 
 def room(module: str) -> str:
-    """First folder or file below the package."""
     return module.split(".")[1] if "." in module else module
 
 

@@ -31,14 +31,12 @@ SOURCES = PAGES.sources()
 
 
 def listed() -> list[str]:
-    """Pages in the tables of contents."""
     blocks = [block for text in SOURCES.values() for block in toctrees(text)]
     lines = [line for block in blocks for line in block.splitlines() if line and line[0] != ":"]
     return [re.sub(r".*<(.+)>", r"\1", line) for line in lines]
 
 
 def toctrees(text: str) -> list[str]:
-    """What stands in the tables of contents of a page."""
     return re.findall(r"^```\{toctree\}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 

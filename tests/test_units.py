@@ -51,7 +51,6 @@ Scene = Callable[[Units, MPI.Comm], Made]
 
 
 def bodies(S: float) -> dict[int, vmdg.Material]:
-    """Two of them."""
     return {i: vmdg.NeoHookean(E=E * S, nu=0.3) for i, E in enumerate((STIFF, SOFT), start=1)}
 
 
@@ -139,7 +138,6 @@ def plate(units: Units, comm: MPI.Comm) -> Made:
 
 
 def revolved(units: Units, comm: MPI.Comm) -> Made:
-    """A body of revolution."""
     L, S = units
     law = vmdg.TrapezoidalDebonding(30 * S, 0.03 * L, 0.1 * L, friction=0.4)
     return two(units, comm, "triangle", law, symmetry="axisymmetric")
@@ -154,7 +152,6 @@ def cracking(units: Units, comm: MPI.Comm) -> Made:
 
 
 def cell(units: Units, comm: MPI.Comm) -> Made:
-    """A periodic cell."""
     L, S = units
     tagged = fibre_cell(3, 0.3, 1, size=L, comm=comm)
     periodic = vmdg.Periodic(gradient=lambda t: np.eye(2) + 0.01 * t * np.eye(2)[::-1])
@@ -336,11 +333,7 @@ MESHES: dict[str, Callable[[float, MPI.Comm], TaggedMesh]] = {
         comm, 0.95 * L, 4.3 * L, 5.36 * L, 1.025 * L, 3, 4, 1, 1, 3
     ),
     "section": lambda L, comm: meshes.pushout_section(
-        comm,
-        fibre_radius=0.95 * L,
-        hole_radius=1.025 * L,
-        matrix_radius=4.3 * L,
-        height=5.36 * L,
+        comm, fibre_radius=0.95 * L, hole_radius=1.025 * L, matrix_radius=4.3 * L, height=5.36 * L
     ),
     "fibre_cell": lambda L, comm: fibre_cell(3, 0.3, 1, size=L, comm=comm),
     "polycrystal": lambda L, comm: meshes.polycrystal(6, 1, size=L, comm=comm),

@@ -17,6 +17,8 @@ usage: tests/run [--yes] [-n RANKS | -j WORKERS] [--dolfinx latest] [pytest argu
 -n RANKS           run the suite on several MPI ranks
 -j WORKERS         share the serial suite between processes, default: one a core, at most 8; 1 for a debugger
 --dolfinx latest   use the newest DOLFINx (a second environment, Debian unstable)
+
+Of pytest's arguments, --all adds the tests with the mark "long", which run every night.
 """  # noqa: E501
 
 DEMOS_USAGE = """\

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
-import pytest
 import ufl
 from dolfinx.fem import petsc as fem_petsc
 from support.problems import displace, joined
-from support.scenes import EVERY_DEGREE, two_blocks
+from support.scenes import pairs, two_blocks
 
 import vmdg
 from vmdg.assembly.cell_tangents import CellTangents
 
 
-@EVERY_DEGREE
-@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
-@pytest.mark.parametrize("options", [{}, {"kinematics": "small"}], ids=["finite", "small"])
+@pairs(cell=("tetrahedron", "hexahedron"), degree=(1, 2), options=({}, {"kinematics": "small"}))
 def test_equal_to_form(comm, cell, degree, options):
     """Distorted cells of two materials, whose matrices have 4 to 27 nodes and 1 to 27 points."""
     check(two_blocks(comm, cell, distortion=0.05), degree=degree, **options)
@@ -28,7 +25,6 @@ def test_mean_dilatation(comm):
 
 
 def check(scene, **options):
-    """Compare the matrices of a problem."""
     problem = joined(scene, vmdg.Bonded(), **options)
     displace(problem, scene, 1.0)
     problem.step.assemble_residual()

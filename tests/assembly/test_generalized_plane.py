@@ -6,17 +6,9 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx.mesh import (
-    CellType,
-    GhostMode,
-    compute_midpoints,
-    create_box,
-    create_rectangle,
-    meshtags,
-)
 from support.budgets import over_budget
-from support.problems import PRECISE
-from support.scenes import LEFT, RIGHT, two_blocks
+from support.problems import PRECISE, of_two
+from support.scenes import LEFT, RIGHT, box, two_blocks
 
 import vmdg
 
@@ -28,15 +20,8 @@ SOFT, STIFF = vmdg.NeoHookean(E=E, nu=NU), vmdg.NeoHookean(E=5 * E, nu=0.2)
 def tagged(comm, divisions, tag_of, size=(1.0, 1.0), depth=None):
     """Quadrilaterals of a rectangle, or hexahedra, one over the depth, with tags by midpoints."""
     d = 2 if depth is None else 3
-    create = create_rectangle if d == 2 else create_box
-    sides, cells = [*size, depth][:d], CellType.quadrilateral if d == 2 else CellType.hexahedron
-    corners = [np.zeros(d), np.array(sides)]
-    divisions = [*divisions, 1][:d]
-    mesh = create(comm, corners, divisions, cells, ghost_mode=GhostMode.shared_facet)
-    known = mesh.topology.index_map(d)
-    numbers = np.arange(known.size_local + known.num_ghosts, dtype=np.int32)
-    x = compute_midpoints(mesh, d, numbers).T
-    return mesh, meshtags(mesh, d, numbers, tag_of(x).astype(np.int32))
+    ends = [np.zeros(d), np.array([*size, depth][:d])]
+    return box(comm, ends, [*divisions, 1][:d], tag_of)
 
 
 def included(comm, materials, n=4, kinematics="small", law=None, plane=PLANE, **options):
@@ -79,10 +64,15 @@ def test_bar_with_a_bond_that_fails(comm):
 def test_rigid_face_and_force_along_z(comm):
     """A plate presses one end, a force pulls along z: the strains of a cube, at once."""
     scene, sigma = two_blocks(comm, "quadrilateral", 1), np.array([-3.0, 0, 5.0])
-    tie = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
     pulled = vmdg.GeneralizedStrain(force=lambda t: sigma[2] * 2 * t)
-    cube = vmdg.Problem(
-        scene.mesh, scene.cell_tags, {1: SOFT, 2: SOFT}, [tie], 1, "small", THICKNESS, plane=pulled
+    cube = of_two(
+        scene,
+        vmdg.Bonded(),
+        (SOFT,) * 2,
+        degree=1,
+        kinematics="small",
+        thickness=THICKNESS,
+        plane=pulled,
     )
     cube.dirichlet(scene.facet_tags.find(LEFT), 0.0, "x")
     cube.dirichlet(lambda x: np.isclose(x[1], 0), 0.0, "y")

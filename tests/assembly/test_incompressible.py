@@ -6,10 +6,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
-from dolfinx.mesh import CellType, GhostMode, compute_midpoints, create_box
+from dolfinx.mesh import compute_midpoints
 from support import random_cells
 from support.budgets import over_budget
 from support.checks import (
@@ -35,6 +33,7 @@ from support.problems import (
 from support.scenes import (
     DIMENSION,
     INNER,
+    box,
     distort,
     everywhere,
     section,
@@ -42,14 +41,11 @@ from support.scenes import (
     two_blocks,
     unit_box,
 )
-from support.symbolic import SymbolicForm
 
 import vmdg
-from vmdg.assembly.point_matrices import add_fields, create_matrix, sparsity
 from vmdg.base.parallel import global_sum
 from vmdg.interface.coercivity import margin
 from vmdg.meshes import blocks
-from vmdg.points.jets import FacetJets
 
 BRICKS = pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 KINEMATICS = pytest.mark.parametrize("kinematics", ["finite", "small"])
@@ -60,7 +56,6 @@ NEARLY = 0.4999  # Poisson's ratio
 
 
 def rubber(mu: float = 80.0, nu: float = NEARLY) -> vmdg.NeoHookean:
-    """Nearly incompressible."""
     return vmdg.NeoHookean(E=2 * mu * (1 + nu), nu=nu)
 
 
@@ -105,11 +100,7 @@ def test_cooks_membrane(comm):
 
 def cantilever(comm, n: int, volumetric: str) -> float:
     """Force that bends a solid beam 4 x 1 x 1 mm by 1 mm, n cubes across [N]."""
-    corners = [np.zeros(3), np.array([4.0, 1.0, 1.0])]
-    mesh = create_box(
-        comm, corners, (4 * n, n, n), CellType.hexahedron, ghost_mode=GhostMode.shared_facet
-    )
-    tags = tag_cells(mesh, {1: everywhere})
+    mesh, tags = box(comm, [np.zeros(3), np.array([4.0, 1.0, 1.0])], (4 * n, n, n))
     problem = vmdg.Problem(mesh, tags, {1: rubber()}, [], volumetric=volumetric)
     problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
     problem.dirichlet(lambda x: np.isclose(x[0], 4), lambda t: t, "z")
@@ -117,6 +108,7 @@ def cantilever(comm, n: int, volumetric: str) -> float:
     return problem.reaction(lambda x: np.isclose(x[0], 4))[2]
 
 
+@pytest.mark.long
 def test_bending_of_hexahedra(comm):
     """Two and three cells across: 5 and 1 % off; with pointwise J seven times as stiff.
 
@@ -143,6 +135,7 @@ def shear_pressure(n: int):
     return grid
 
 
+@pytest.mark.long
 def test_pressure():
     """Pressure averaged over patches converges: 7 and 2 % off at n = 8 and 16 against n = 32.
 
@@ -244,8 +237,11 @@ MATERIALS = {
 }
 
 
-@pytest.mark.parametrize("swelling", [None, {1: 0.05}], ids=["", "swelling"])
-@pytest.mark.parametrize("materials", MATERIALS.values(), ids=MATERIALS.keys())
+@pytest.mark.parametrize(
+    ("materials", "swelling"),
+    [(MATERIALS["neo-hookean"], {1: 0.05}), (MATERIALS["ogden"], None)],
+    ids=MATERIALS.keys(),
+)
 def test_tangent_in_a_turning_frame(comm, materials, swelling):
     """Friction and damage in the turning frame, on either material, with a body that swells."""
     scene = two_blocks(comm, "quadrilateral", n=2, distortion=0.05)
@@ -256,8 +252,7 @@ def test_tangent_in_a_turning_frame(comm, materials, swelling):
     assert tangent_error(problem) < 1e-7
 
 
-@pytest.mark.parametrize("swelling", [None, {1: 0.05}], ids=["", "swelling"])
-def test_invariants_give_the_energy_of_f_bar(comm, swelling):
+def test_invariants_give_the_energy_of_f_bar(comm):
     """W(F_bar) written out, differentiated by UFL: the same forces, energy and tangent."""
     found = []
     for user in (False, True):
@@ -266,7 +261,7 @@ def test_invariants_give_the_energy_of_f_bar(comm, swelling):
         if user:
             materials = [vmdg.Hyperelastic(user_energy, m.parameters) for m in materials]
         # The same tau_s to rounding: eigenvalues lose digits.
-        options = {"volumetric": "mean", "eigenstrain": swelling}
+        options = {"volumetric": "mean", "eigenstrain": {1: 0.05}}
         problem = joined(scene, vmdg.Bonded(), materials, {"safety": 1.0}, **options)
         problem.loading.move(1.0)
         displace(problem, scene, 1.0)
@@ -278,46 +273,6 @@ def test_invariants_give_the_energy_of_f_bar(comm, swelling):
     assert np.abs(forces - reference).max() < 1e-11 * np.abs(reference).max()
     other.axpy(-1.0, matrix)
     assert other.norm() < 1e-11 * matrix.norm()
-
-
-def assembled(symbolic, form):
-    """Matrix of a form of the problem."""
-    matrix = fem_petsc.assemble_matrix(symbolic.compile(form))
-    matrix.assemble()
-    return matrix
-
-
-@KINEMATICS
-def test_blocks_are_ufl_derivatives(comm, kinematics):
-    """Every block of the two-field tangent is ufl.derivative of a residual, to rounding.
-
-    In 2D, where the symbolic kernels compile in seconds.
-    """
-    scene = two_blocks(comm, "quadrilateral", n=2, distortion=0.05)
-    law = vmdg.Debonding(strength=1e5, critical_gap=1e3)
-    problem = joined(scene, law, kinematics=kinematics, volumetric="mean")
-    displace(problem, scene, 1.0)
-    tangent_matrix(problem)
-    weak_form, theta = problem.discretization.weak_form, problem.discretization.geometry.theta
-    (active,), symbolic = weak_form.active, SymbolicForm(problem)
-    D = active.tangent()[0]
-    fields = (problem.u, FacetJets.displacement), (theta, FacetJets.dilatation)
-    for row, test in fields:
-        eta = ufl.TestFunction(row.function_space)
-        residual = symbolic.residual(eta)
-        for column, trial in fields:
-            step = ufl.TrialFunction(column.function_space)
-            expected = assembled(symbolic, ufl.derivative(residual, column, step))
-            pattern = sparsity(row.function_space, column.function_space, weak_form.active)
-            found = create_matrix(comm, pattern)
-            bodies = weak_form.compile(weak_form.bulk_tangent(eta, step))
-            fem_petsc.assemble_matrix(found, bodies)
-            add_fields(found, active, D, test, trial)
-            found.assemble()
-            size = expected.norm()
-            found.axpy(-1.0, expected)
-            assert size > 1
-            assert found.norm() < 1e-13 * size
 
 
 @BOTH_PAIRS
@@ -346,8 +301,9 @@ def test_residual_is_derivative_of_energy(comm, cell, kinematics):
 # Modes without energy
 
 
-@BRICKS
-@pytest.mark.parametrize("stretch", [1.0, 1.3])
+@pytest.mark.parametrize(
+    ("cell", "stretch"), [("quadrilateral", 1.0), ("hexahedron", 1.0), ("hexahedron", 1.3)]
+)
 def test_rank_of_one_cell(cell, stretch):
     """Rigid motions have no stiffness, hourglass modes that of the shear modulus.
 
@@ -379,8 +335,9 @@ def test_rank_of_one_cell(cell, stretch):
 # Coercivity
 
 
-@pytest.mark.parametrize(("alone", "count"), [(True, 60), (False, 20)])
-@BRICKS
+@pytest.mark.parametrize(
+    ("cell", "alone", "count"), [("quadrilateral", False, 20), ("hexahedron", True, 60)]
+)
 def test_no_negative_eigenvalue(cell, alone, count):
     """Random cells, contrasts and states, nu to .4999: none is negative.
 
@@ -447,17 +404,6 @@ def test_debonding_on_any_number_of_ranks(comm, cell):
 
 
 # Axisymmetry
-
-
-def test_rings(comm):
-    """A tied thick-walled ring: the tangent is the derivative, zero work leaves it at rest."""
-    scene = section(comm, "quadrilateral", (2, 2), (0.5, 1.0, 2.0), distortion=0.05)
-    problem = revolved(scene, vmdg.Bonded(), [rubber(), rubber(200.0)], volumetric="mean")
-    problem.u.interpolate(lambda x: 0.05 * np.sin(2 * x[:2] + x[1::-1]))
-    problem.discretization.update_stabilization()
-    matrix = tangent_matrix(problem)
-    assert tangent_error(problem, matrix) < 1e-8
-    assert matrix.isSymmetric(1e-12 * matrix.norm())
 
 
 def test_cylinder_under_pressure(comm):

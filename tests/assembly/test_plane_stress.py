@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from support.checks import assert_residual_is_energy_derivative, modes, tangent_error
-from support.problems import displace
+from support.problems import displace, of_two
 from support.scenes import LEFT, RIGHT, two_blocks
 
 import vmdg
-from vmdg.meshes import blocks
 
 E, NU, THICKNESS = 2000.0, 0.3, 2.5
 STEEL = vmdg.NeoHookean(E=E, nu=NU)
@@ -31,9 +30,8 @@ def tilted(axis: int, angle: float = 25.0) -> vmdg.Orthotropic:
 def sheet(scene, material=STEEL, law=None, **options) -> vmdg.Problem:
     """Two blocks of one material or of two, and their interface x = 1."""
     one, two = material if isinstance(material, tuple) else (material, material)
-    bond = vmdg.Interface(between=(1, 2), law=vmdg.Bonded() if law is None else law)
-    return vmdg.Problem(
-        scene.mesh, scene.cell_tags, {1: one, 2: two}, [bond], plane="stress", **options
+    return of_two(
+        scene, vmdg.Bonded() if law is None else law, (one, two), plane="stress", **options
     )
 
 
@@ -107,22 +105,6 @@ def test_biaxial_plate(comm, cell, degree, law):
     np.testing.assert_allclose(state.traction, state.normal @ sigma, rtol=0, atol=1e-10 * E)
 
 
-def test_disc_under_pressure(comm):
-    """A part of a disc, its radii planes of symmetry: u = -p (1 - nu)/E X, sigma = -p I."""
-    p = 12.0
-    scene = blocks(comm, "triangle", (3, 3, 3))
-    disc = sheet(scene, kinematics="small")
-    disc.dirichlet(lambda x: np.isclose(x[0], 0), 0.0, "x")
-    disc.dirichlet(lambda x: np.isclose(x[1], 0), 0.0, "y")
-    disc.pressure(lambda x: np.isclose(x[0], 2) | np.isclose(x[1], 1), lambda t: p * t)
-    vmdg.solve(disc, [1.0], TIGHT)
-    x = disc.space.tabulate_dof_coordinates()[:, :2]
-    np.testing.assert_allclose(
-        disc.u.x.array.reshape(-1, 2), -p * (1 - NU) / E * x, rtol=0, atol=1e-12
-    )
-    np.testing.assert_allclose(disc.state[0].traction, -p * disc.state[0].normal, atol=1e-9)
-
-
 @pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Debonding(1e4, 50.0)], ids=["tie", "bond"])
 def test_neo_hookean_pulled_to_twice_its_length(comm, law):
     """P_i = mu (l_i - 1/l_i) + lambda (J - 1) J/l_i, the two stretches s across by P_s = 0."""
@@ -168,8 +150,9 @@ def test_orthotropic_sheet(comm, kinematics, rotated):
     )
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
-@pytest.mark.parametrize("strain", [0.02, np.diag([0.02, 0.02, -0.3])], ids=["number", "tensor"])
+@pytest.mark.parametrize(
+    ("kinematics", "strain"), [("small", 0.02), ("finite", np.diag([0.02, 0.02, -0.3]))]
+)
 def test_eigenstrain(comm, kinematics, strain):
     """A clamped sheet that would grow by e bears -E e/(1 - nu); its thickness is free."""
     scene = two_blocks(comm, "quadrilateral", 1)

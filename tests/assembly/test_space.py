@@ -8,13 +8,14 @@ from dolfinx import fem
 from support.checks import gather
 from support.problems import set_displacement
 from support.scenes import (
+    CELLS,
+    CELLS_BY_TURNS,
     DIMENSION,
-    EVERY_CELL,
-    EVERY_DEGREE,
     cell_count,
     distort,
     everywhere,
     interior_facets,
+    pairs,
     tag_cells,
     unit_box,
 )
@@ -60,30 +61,15 @@ def expected_nodes(cell: str, degree: int, cut: str) -> int:
     return m**d + added[cut] * depth
 
 
-@pytest.fixture
-def cut_box(comm, cell, degree, cut):
-    """Mesh, facets of the cut and the space broken there."""
+@pairs(cell=CELLS, degree=(1, 2), cut=list(CUTS))
+def test_cells_share_dofs_across_kept_facets_only(comm, cell, degree, cut):
+    """Two cells share all nodes of a kept facet; of a cut facet only those of a crack tip: CG nodes
+    plus duplicates on the cut, counted by hand, on any number of ranks."""
     mesh = unit_box(comm, cell, N)
     facets = interior_facets(mesh, CUTS[cut])
-    return mesh, facets, broken_space(mesh, degree, facets)
-
-
-@EVERY_CELL
-@EVERY_DEGREE
-@pytest.mark.parametrize("cut", CUTS)
-def test_number_of_dofs(cut_box, cell, degree, cut):
-    """CG nodes plus duplicates on the cut, counted by hand; so on any number of ranks."""
-    _, _, V = cut_box
+    V = broken_space(mesh, degree, facets)
     assert V.dofmap.index_map.size_global == expected_nodes(cell, degree, cut)
     assert V.dofmap.index_map_bs == DIMENSION[cell]
-
-
-@EVERY_CELL
-@EVERY_DEGREE
-@pytest.mark.parametrize("cut", CUTS)
-def test_cells_share_dofs_across_kept_facets_only(cut_box, comm, cell, degree, cut):
-    """Two cells share all nodes of a kept facet; of a cut facet only those of a crack tip."""
-    mesh, facets, V = cut_box
     pairs = facet_cells(mesh)
     interior = np.flatnonzero((pairs >= 0).all(axis=1))
     dofs = V.dofmap.list
@@ -108,9 +94,7 @@ def cell_values(u: fem.Function) -> np.ndarray:
     return u.x.array.reshape(-1, V.dofmap.index_map_bs)[V.dofmap.list]
 
 
-@EVERY_CELL
-@EVERY_DEGREE
-@pytest.mark.parametrize("cut", ["full", "tip", "cross", "every"])
+@pairs(cell=CELLS, degree=(1, 2), cut=("full", "tip", "cross", "every"))
 def test_affine_field_is_exact(comm, cell, degree, cut):
     """An affine field is reproduced inside all cells, so nodes and basis functions belong."""
     mesh = unit_box(comm, cell, N)
@@ -131,8 +115,7 @@ def test_affine_field_is_exact(comm, cell, degree, cut):
     assert comm.allreduce(error) < 1e-12
 
 
-@EVERY_CELL
-@EVERY_DEGREE
+@CELLS_BY_TURNS
 def test_bodies_carry_different_fields(comm, cell, degree):
     """With every body cut loose, each carries its own field exactly, ghost cells included."""
     mesh = unit_box(comm, cell, N)

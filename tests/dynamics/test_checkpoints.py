@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from support.problems import of_two
 from support.scenes import LEFT, RIGHT, two_blocks
 
 import vmdg
@@ -21,13 +22,8 @@ class Killed(Exception):
 def scene_of(comm, law, damping):
     """Blocks that are pulled apart by one end, with some damping."""
     scene = two_blocks(comm, "quadrilateral", 3)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: BODY, 2: BODY},
-        [vmdg.Interface(between=(1, 2), law=law, name="bond")],
-        density={1: 1.0, 2: 1.0},
-        damping=damping,
+    problem = of_two(
+        scene, law, (BODY,) * 2, {"name": "bond"}, density={1: 1.0, 2: 1.0}, damping=damping
     )
     problem.dirichlet(scene.facet_tags.find(LEFT), 0.0)
     problem.dirichlet(scene.facet_tags.find(RIGHT), lambda t: 0.02 * np.sin(3 * t), "x")
@@ -36,7 +32,6 @@ def scene_of(comm, law, damping):
 
 
 def velocity(x):
-    """Some motion of all points."""
     return np.array([0.05 * x[0], 0.02 * np.sin(x[0])])
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from dolfinx import fem
-from support.scenes import EVERY_CELL, SEVERAL_RANKS, two_blocks
+from support.problems import of_two
+from support.scenes import EVERY_CELL, two_blocks
 
 import vmdg
 from vmdg.dynamics.contact_nodes import ContactNodes
@@ -20,11 +19,10 @@ BODY = vmdg.NeoHookean(E=1.0, nu=0.0)
 def bars(comm, n, cell="quadrilateral", kinematics="small", friction=0.0):
     """Two bars of unit length, modulus and density that touch, the first one with a speed."""
     scene = blocks(comm, cell, divisions=(n, 1, 1))
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: BODY, 2: BODY},
-        [vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction=friction))],
+    problem = of_two(
+        scene,
+        vmdg.Contact(friction=friction),
+        (BODY,) * 2,
         kinematics=kinematics,
         density={1: 1.0, 2: 1.0},
     )
@@ -84,20 +82,7 @@ def test_mass_is_kept(comm, cell):
 def test_nodes_of_bonds_keep_their_mass(comm, law):
     """Where a bond softens, lumped masses are more accurate."""
     scene = two_blocks(comm, "quadrilateral", 2)
-    interface = vmdg.Interface(between=(1, 2), law=law)
-    problem = vmdg.Problem(
-        scene.mesh, scene.cell_tags, {1: BODY, 2: BODY}, [interface], density={1: 1.0, 2: 1.0}
-    )
+    problem = of_two(scene, law, (BODY,) * 2, density={1: 1.0, 2: 1.0})
     nodes = ContactNodes(problem, problem.step.motion.row_sums)
     assert not nodes.exist
     assert np.array_equal(nodes.masses, problem.step.motion.row_sums)
-
-
-@SEVERAL_RANKS
-def test_ranks(comm):
-    """The same impact on one rank and on several."""
-    times = np.linspace(0.0, 2.4, 13)[1:]
-    found = [hit(*bars(r, 10, "triangle", friction=0.3), times) for r in (comm, MPI.COMM_SELF)]
-    for name in ("force", "share", "kinetic"):
-        one, other = (history[name] for history in found)
-        assert one == pytest.approx(other, rel=1e-9, abs=1e-9 * np.abs(other).max())

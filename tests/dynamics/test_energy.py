@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from dolfinx import fem
 from support.apart import block
+from support.problems import of_two
 
 import vmdg
 from vmdg.meshes import apart, blocks
@@ -33,11 +34,11 @@ def thrown(comm, steps, tilt=0.0, rho_inf=0.8, friction=0.0, scheme=None):
     gap = 0.2 * speed * span / steps
     x[:, 1] += gap + (np.cos(turn) + np.sin(turn)) / 2
     scene = apart(parts)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: vmdg.Rigid(), 2: vmdg.NeoHookean(E=E, nu=nu)},
-        [vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction), sliding=True)],
+    problem = of_two(
+        scene,
+        vmdg.Contact(friction),
+        (vmdg.Rigid(), vmdg.NeoHookean(E=E, nu=nu)),
+        {"sliding": True},
         density={2: rho},
     )
     owned = problem.discretization.owned
@@ -88,11 +89,8 @@ def test_stiff_wave(comm):
     """The fastest mode of a bar, 25 times as fast as the step resolves, gains nothing."""
     scene = blocks(comm, "quadrilateral", divisions=(20, 1), length=2.0, height=0.1)
     body = vmdg.NeoHookean(E=1.0, nu=0.0)
-    tie = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
     density = {1: 1.0, 2: 1.0}
-    problem = vmdg.Problem(
-        scene.mesh, scene.cell_tags, {1: body, 2: body}, [tie], kinematics="small", density=density
-    )
+    problem = of_two(scene, vmdg.Bonded(), (body,) * 2, kinematics="small", density=density)
     start = lambda x: np.array([np.cos(20 * np.pi * x[0]), 0 * x[0]])  # noqa: E731
     history = vmdg.solve_dynamics(problem, np.arange(1.0, 9.0), None, start, options=ENERGY).history
     assert np.all(history["imbalance"] >= -0.01 * history["external"][0])
@@ -103,9 +101,8 @@ def test_crushed_bar(comm):
     was chosen: no cell is inverted, and kinetic energy is less than the work."""
     scene = blocks(comm, "quadrilateral", (40, 1), length=2.0, height=0.1)
     body = vmdg.NeoHookean(E=10.0, nu=0.3)
-    bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(1e3, 0.2))
     density = {1: 1e-3, 2: 1e-3}
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: body, 2: body}, [bond], density=density)
+    problem = of_two(scene, vmdg.Debonding(1e3, 0.2), (body,) * 2, density=density)
     speed = np.sqrt(10 * 0.7 / (1.3 * 0.4) / 1e-3)
     for side in (4, 5):
         problem.dirichlet(scene.facet_tags.find(side), 0.0, "y")
@@ -128,12 +125,8 @@ def test_friction_of_contact_nodes(comm):
         block("quadrilateral", (2, 2), [1.0, 0.0], [3.0, 1.0], 2, comm),
     ]
     scene, body = apart(parts), vmdg.NeoHookean(E=1000.0, nu=0.3)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: body, 2: body},
-        [vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction=0.2), gap="keep")],
-        density={1: 1e-3, 2: 1e-3},
+    problem = of_two(
+        scene, vmdg.Contact(friction=0.2), (body,) * 2, {"gap": "keep"}, density={1: 1e-3, 2: 1e-3}
     )
     problem.dirichlet(lambda x: np.isclose(x[1], -1), 0.0)
     problem.body_force(np.array([0.0, -1.0]))

@@ -6,8 +6,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx import mesh as meshes
-from support.scenes import LEFT, RIGHT, two_blocks
+from support.problems import of_two
+from support.scenes import LEFT, RIGHT, box, two_blocks
 
 import vmdg
 from vmdg.meshes import blocks
@@ -15,20 +15,14 @@ from vmdg.meshes import blocks
 QUIET = vmdg.SolveOptions(energy=True)
 
 
+@pytest.mark.long
 def test_energy_of_a_long_run(comm):
     """Bonds that open, close and slide over 1e4 explicit steps, a fortieth of the critical one:
     the energies add up to 1e-4, an error that arises while bonds fail and does not grow later."""
     scene = two_blocks(comm, "quadrilateral", 2)
     body = vmdg.NeoHookean(E=1.0, nu=0.3)
     law = vmdg.Debonding(strength=0.02, critical_gap=0.4, friction=0.3)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: body, 2: body},
-        [vmdg.Interface(between=(1, 2), law=law)],
-        kinematics="small",
-        density={1: 1.0, 2: 1.0},
-    )
+    problem = of_two(scene, law, (body,) * 2, kinematics="small", density={1: 1.0, 2: 1.0})
     problem.dirichlet(scene.facet_tags.find(LEFT), 0.0)
     problem.spring(scene.facet_tags.find(RIGHT), (0.02, 0.02))
     modes = set()
@@ -51,24 +45,17 @@ def test_energy_of_a_long_run(comm):
     assert np.abs(drift).max() < 5e-5 * history["external"][0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("speed", "friction"), [(0.02, 0.3), (0.001, 0.9)], ids=["slip", "stick"])
 def test_block_thrown_onto_a_rough_floor(comm, speed, friction):
     """A wide block falls, touches for 2 H/c and leaves as fast; sliding friction takes mu of its
     momentum across, and where it sticks a wave of shear 2 c_s/c of that along."""
     H, W, n, fall = 1.0, 16.0, 32, 0.01
-    mesh = meshes.create_rectangle(
-        comm,
-        [[0.0, -H / n], [W, H]],
-        [4 * n, n + 1],
-        meshes.CellType.quadrilateral,
-        ghost_mode=meshes.GhostMode.shared_facet,
-    )
-    local = mesh.topology.index_map(2).size_local + mesh.topology.index_map(2).num_ghosts
-    number = np.arange(local, dtype=np.int32)
-    above = meshes.compute_midpoints(mesh, 2, number)[:, 1] > 0
+    ends = [[0.0, -H / n], [W, H]]
+    mesh, tags = box(comm, ends, [4 * n, n + 1], lambda x: 1 + (x[1] > 0))
     problem = vmdg.Problem(
         mesh,
-        meshes.meshtags(mesh, 2, number, (1 + above).astype(np.int32)),
+        tags,
         {1: vmdg.Rigid(), 2: vmdg.NeoHookean(E=1.0, nu=0.0)},
         [vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction))],
         kinematics="small",
@@ -106,11 +93,10 @@ def test_bar_hits_a_wall(comm):
     rho c V = 4 GPa for 80 us and leave as fast."""
     n, L, E, rho, V = 80, 200.0, 2e5, 8e-9, 1e5
     scene = blocks(comm, "quadrilateral", (n, 1, 1), 2 * L, 20.0, interface=(L, L))
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: vmdg.NeoHookean(E=E, nu=0.0), 2: vmdg.Rigid()},
-        [vmdg.Interface(between=(1, 2), law=vmdg.Contact())],
+    problem = of_two(
+        scene,
+        vmdg.Contact(),
+        (vmdg.NeoHookean(E=E, nu=0.0), vmdg.Rigid()),
         kinematics="small",
         density={1: rho},
     )

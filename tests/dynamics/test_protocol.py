@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.problems import of_two
 from support.scenes import LEFT, RIGHT, two_blocks
 
 import vmdg
@@ -19,28 +20,19 @@ def pulled(comm, kinematics="small"):
     scene = two_blocks(comm, "quadrilateral", 3)
     body = vmdg.NeoHookean(E=1.0, nu=0.3)
     bond = vmdg.Debonding(strength=0.05, critical_gap=0.3)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: body, 2: body},
-        [vmdg.Interface(between=(1, 2), law=bond)],
-        kinematics=kinematics,
-        density={1: 1.0, 2: 1.0},
-    )
+    problem = of_two(scene, bond, (body,) * 2, kinematics=kinematics, density={1: 1.0, 2: 1.0})
     problem.dirichlet(scene.facet_tags.find(LEFT), 0.0)
     problem.dirichlet(scene.facet_tags.find(RIGHT), lambda t: 0.1 * (1 - np.cos(3 * t)), "x")
     return problem
 
 
 def state(problem):
-    """What a run continues from."""
     motion = problem.step.motion
     found = [problem.u.x.array, problem.velocity.x.array, motion.acceleration, motion.carried]
     return np.concatenate([[problem.t], *found])
 
 
 def fail_in(problem, call, error):
-    """Let the residual of a call fail once."""
     plain, count = problem.step.assemble_residual, [0]
 
     def residual(*given, **named):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dolfinx.mesh import CellType, GhostMode, create_rectangle, meshtags
 from support.budgets import over_budget
+from support.scenes import box
 
 import vmdg
 from vmdg.assembly.discretization import carried
@@ -16,16 +16,7 @@ LAW = vmdg.Debonding(strength=10.0, critical_gap=0.1)
 
 def plate(comm, activate: str, n: int = 12, law: vmdg.Law = LAW) -> vmdg.Problem:
     """A clamped square whose right side is pulled in its upper half; every facet may crack."""
-    mesh = create_rectangle(
-        comm,
-        [[0, 0], [1, 1]],
-        [n, n],
-        CellType.quadrilateral,
-        ghost_mode=GhostMode.shared_facet,
-    )
-    cells = mesh.topology.index_map(2)
-    local = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
-    tags = meshtags(mesh, 2, local, np.ones_like(local))
+    mesh, tags = box(comm, [[0, 0], [1, 1]], [n, n])
     # Open facets make the plate a little softer, the more the smaller tau_s: here with the factor
     # for which the two curves are compared.
     interface = vmdg.Interface(within=1, law=law, activate=activate, safety=4.0)
@@ -36,17 +27,16 @@ def plate(comm, activate: str, n: int = 12, law: vmdg.Law = LAW) -> vmdg.Problem
 
 
 def pulled(problem: vmdg.Problem) -> dict[str, float]:
-    """Force at the clamped side and number of nodes."""
     force = problem.reaction(lambda x: np.isclose(x[0], 0))[0]
     return {"force": -force, "dofs": problem.space.dofmap.index_map.size_global}
 
 
 def run(comm, activate):
-    """Pull through the peak of the force."""
     options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True)
     return vmdg.solve(plate(comm, activate), np.linspace(0.001, 0.02, 20), options, pulled)
 
 
+@pytest.mark.long
 def test_same_curve_with_fewer_dofs(comm):
     """On demand and all at once: the same force within .5% of the peak, half the dofs.
 
@@ -88,7 +78,7 @@ def test_reactions_balance_in_every_row(comm):
 
 
 @pytest.mark.filterwarnings("ignore:Against:vmdg.ModelWarning")  # a corner comes loose on the way
-@pytest.mark.parametrize("steps", [6, 24])
+@pytest.mark.parametrize("steps", [24])
 def test_brittle_plate_parts(comm, steps):
     """Facets open along a path that snaps, also in steps that pass a given load factor."""
     problem = plate(comm, "on-demand", 6, vmdg.Debonding(strength=10.0, critical_gap=0.004))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -97,19 +95,6 @@ def test_tangent_of_full_form(comm, cell, law):
     assert tangent_error(problem) < 1e-7
 
 
-def test_traction_jump_changes_the_form(comm):
-    """The two forms differ where the tractions jump, or the tests above would show nothing."""
-    forces = [
-        moved(comm, "quadrilateral", LAW, jump).step.assemble_residual().copy()
-        for jump in (False, True)
-    ]
-    change, size = (
-        comm.allreduce(np.abs(f).max(initial=0), op=MPI.MAX)
-        for f in (forces[1] - forces[0], forces[0])
-    )
-    assert change > 1e-3 * size
-
-
 # Fine scales
 
 
@@ -192,38 +177,9 @@ def indicator_norm(comm, cell, degree, n):
     return np.sqrt(comm.allreduce(float(area @ facet_scalar(problem, 0, "fine_scale") ** 2)))
 
 
-@pytest.mark.parametrize(
-    ("degree", "sizes"), [(1, (4, 8, 16)), (2, (4, 8, 16))], ids=["linear", "quadratic"]
-)
-@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_indicator_falls_with_the_error(comm, cell, degree, sizes):
+@pytest.mark.parametrize(("cell", "degree"), [("quadrilateral", 1), ("triangle", 2)])
+def test_indicator_falls_with_the_error(comm, cell, degree):
     """Refined twice, the indicator of a smooth solution falls at least with h^(k + .8)."""
-    norms = np.array([indicator_norm(comm, cell, degree, n) for n in sizes])
+    norms = np.array([indicator_norm(comm, cell, degree, n) for n in (4, 8, 16)])
     rates = np.log2(norms[:-1] / norms[1:])
     assert (rates > degree + 0.8).all(), rates
-
-
-def test_indicator_peaks_at_the_front(comm):
-    """Peeled from one end, the indicator is largest within two facets of the debonding front."""
-    length, count = 4.0, 24
-    law = vmdg.Debonding(strength=20.0, critical_gap=0.05)
-    material = vmdg.NeoHookean(E=5000.0, nu=0.25)
-    scene = blocks(comm, "quadrilateral", (2, count), 0.6, length, interface=(0.3, 0.3))
-    problem = joined(scene, law, (material,) * 2)
-    problem.dirichlet(scene.facet_tags.find(1), 0.0)
-    # Pulled at the far corner: a load near the interface would leave a mark of its own there.
-    corner = np.array([[0.6], [length]])
-    problem.dirichlet_points(
-        lambda x: np.isclose(x[:2], corner).all(axis=0), lambda t: 0.4 * t, "x"
-    )
-    vmdg.solve(problem, np.linspace(0.1, 1, 10))
-    state, facet = problem.state[0], problem.discretization.active[0].quadrature.facet
-    held = state.points[state.softening < law.strength, 1]
-    front = comm.allreduce(held.max(initial=-1), op=MPI.MAX)
-    assert 0.2 * length < front < 0.8 * length
-    middle = np.bincount(facet, state.points[:, 1]) / np.maximum(np.bincount(facet), 1)
-    indicator = facet_scalar(problem, 0, "fine_scale")
-    size = gather(comm, indicator)
-    peak = gather(comm, middle)[np.argmax(size)]
-    assert abs(peak - front) < 2 * length / count
-    assert size.max() > 2 * np.median(size)

@@ -6,15 +6,9 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from dolfinx.mesh import (
-    CellType,
-    GhostMode,
-    compute_midpoints,
-    create_rectangle,
-    locate_entities,
-)
+from dolfinx.mesh import compute_midpoints, locate_entities
 from support.checks import by_position
-from support.scenes import tag_cells
+from support.scenes import box
 
 import vmdg
 
@@ -34,19 +28,10 @@ def cracked(x) -> np.ndarray:
 
 
 def rectangle(comm):
-    mesh = create_rectangle(
-        comm,
-        [[0, -1], [LENGTH, 1]],
-        [16, 4],
-        CellType.quadrilateral,
-        ghost_mode=GhostMode.shared_facet,
-    )
-    return mesh, tag_cells(mesh, {1: lambda x: x[1] <= 1e-9, 2: lambda x: x[1] >= -1e-9})
+    return box(comm, [[0, -1], [LENGTH, 1]], [16, 4], lambda x: 1 + (x[1] > 0))
 
 
 def middle(mesh, begin: float, end: float) -> np.ndarray:
-    """Facets known to this rank between the arms."""
-
     def inside(x):
         return np.isclose(x[1], 0) & (x[0] > begin - 1e-9) & (x[0] < end + 1e-9)
 
@@ -73,7 +58,6 @@ def beams(comm, interfaces, mesh=None, tags=None) -> vmdg.Problem:
 
 
 def forces(problem: vmdg.Problem) -> dict[str, float]:
-    """On the upper arm."""
     reaction = problem.reaction(lambda x: np.isclose(x[0], 0) & (x[1] > -1e-9))
     return {"x": reaction[0], "y": reaction[1]}
 
@@ -140,24 +124,6 @@ def test_facets_that_open_on_demand_are_open_where_damaged(comm):
     one, two = (run(p, [0.5, 1.0, 2.0]) for p in (demanded, everything))
     assert one["y"][-1] == pytest.approx(two["y"][-1], rel=0.02)
     assert comm.allreduce(len(demanded.state[0].points)) > 12
-
-
-def test_checkpoint_goes_on_with_the_crack(comm, out):
-    """The state that is read has the damage; a problem without it is another one."""
-    bond = vmdg.Interface(between=(1, 2), law=law(), initial_damage=cracked)
-    whole = run(beams(comm, [bond]), [0.5, 1.0, 1.5])
-    run(beams(comm, [bond]), [0.5, 1.0], checkpoint=out / "crack")
-    problem = beams(comm, [bond])
-    history = vmdg.read_checkpoint(problem, out / "crack")
-    chosen = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True)
-    assert history["load"][-1] == 1.0
-    vmdg.solve(problem, [1.5], chosen, forces, history=history)
-    energy = problem.energy()
-    assert energy.damage == pytest.approx(whole["damage"][-1], rel=1e-8)
-    assert energy.bulk == pytest.approx(whole["bulk"][-1], rel=1e-8)
-    other = beams(comm, [vmdg.Interface(between=(1, 2), law=law())])
-    with pytest.raises(ValueError, match="initial damage: varies there, nothing here"):
-        vmdg.read_checkpoint(other, out / "crack")
 
 
 def test_body_that_only_a_crack_holds_is_warned_of(comm):

@@ -42,13 +42,11 @@ SHEAR = np.array([[1.2, 0.3, 0.1], [-0.2, 0.9, 0.25], [0.15, -0.1, 1.1]])
 
 
 def points_of(mesh, tags, interface: Interface, degree: int = 1) -> FacetPoints:
-    """Facet points of an interface of a mesh."""
     facets = find_facets(mesh, tags_of_cells(mesh, tags), interface)
     return FacetPoints(mesh, facets, facet_degree(degree))
 
 
 def is_inclusion(x):
-    """Midpoints in the middle half of the unit box."""
     return np.abs(x - 0.5)[: 2 if np.ptp(x[2]) == 0 else 3].max(axis=0) < 0.25
 
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
-from support.checks import gather, in_frame, tangent_error
+from support.checks import in_frame, tangent_error
 from support.problems import MATERIALS, couple, driven, joined, put, through
 from support.scenes import two_blocks
 
 import vmdg
 from vmdg import Mode
 from vmdg.interface.return_map import map_back
-from vmdg.meshes import beams
-from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT
 
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
 TURNS = 4
@@ -63,11 +60,7 @@ def turn_around(comm, cell, **options):
     [
         (MPI.COMM_WORLD, "quadrilateral", {}),
         (MPI.COMM_SELF, "hexahedron", {}),
-        (
-            MPI.COMM_SELF,
-            "quadrilateral",
-            {"n": 2, "materials": MATERIALS},
-        ),
+        (MPI.COMM_SELF, "quadrilateral", {"n": 2, "materials": MATERIALS}),
     ],
     ids=["plane", "space", "plane-two-materials"],
 )
@@ -96,13 +89,6 @@ def test_far_from_its_place(comm, kinematics):
     assert forces[1] == pytest.approx(forces[0], rel=1e-6)
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_literal_boxes_are_not_objective(cell):
-    """frame="reference" takes the turn for an opening: T, zeta and Q change by more than 1%."""
-    changes = turn_around(MPI.COMM_SELF, cell, frame="reference")
-    assert len(changes) < TURNS or (changes.max(axis=0) > 0.01).all()
-
-
 # Tangents
 
 
@@ -126,8 +112,10 @@ BRANCHES = (
 )
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
-@pytest.mark.parametrize("branch", BRANCHES, ids=[b.mode.name for b in BRANCHES])
+@pytest.mark.parametrize(
+    ("cell", "branch"),
+    [*(("quadrilateral", b) for b in BRANCHES), *(("tetrahedron", b) for b in BRANCHES[1:5:2])],
+)
 def test_tangent_in_every_mode(comm, cell, branch):
     """K.v = central differences of the residual in every branch, turned by .4 and then .9 rad.
 
@@ -156,52 +144,9 @@ def along(knots, angles):
     def path(t):
         i = min(int(t), len(knots) - 2)
         s = t - i
-        return (
-            (1 - s) * knots[i] + s * knots[i + 1],
-            (1 - s) * angles[i] + s * angles[i + 1],
-        )
+        return ((1 - s) * knots[i] + s * knots[i + 1], (1 - s) * angles[i] + s * angles[i + 1])
 
     return path
-
-
-#: Moves of the right end: where the preloads end, and the step whose table is shown; the law.
-STEPS = {
-    Mode.TENSION: ([(0.10, 0.05)], (0.12, 0.07), {"strength": 100.0, "friction": 0.3}),
-    Mode.OPEN: ([(0.20, 0.10)], (0.30, 0.15), {"strength": 100.0, "friction": 0.3}),
-    Mode.SHEAR: ([(-0.05, 0.15)], (-0.052, 0.17), {"strength": 50.0, "friction": 0.02}),
-    Mode.FRICTION: ([(-0.10, 0.26)], (-0.105, 0.30), {"strength": 50.0, "friction": 0.3}),
-    Mode.CLOSING: (
-        [(0.14, 0.05), (0.10, 0.05)],
-        (0.085, 0.053),
-        {"strength": 100.0, "friction": 0.3},
-    ),
-}
-
-
-@pytest.mark.parametrize("mode", STEPS, ids=[mode.name for mode in STEPS])
-def test_quadratic_convergence(comm, mode):
-    """The last Newton corrections square the error in every mode, also unsymmetric and turning.
-
-    With e the residual relative to 100 N, the strength of the interface: from e_k < .01 on,
-    e_{k+1} < 50 e_k^2 or at the floor of rounding, near 1e-13. Measured ratios: .01 to 24.
-    """
-    before, after, parameters = STEPS[mode]
-    knots = [(0.0, 0.0), *before, after]
-    angles = np.full(len(knots), 0.4)
-    angles[0], angles[-1] = 0.0, 0.45
-    law = vmdg.Debonding(critical_gap=0.2, **parameters)
-    problem, _ = driven(comm, "quadrilateral", law, along(knots, angles), materials=MATERIALS)
-    last = len(knots) - 1
-    vmdg.solve(problem, np.arange(1, 10 * (last - 1) + 1) / 10)
-    tight = vmdg.SolveOptions(
-        relative_tolerance=1e-12, max_iterations=12, max_cuts=0, control="load"
-    )
-    (norms,) = vmdg.solve(problem, [last], tight).residuals
-    assert (problem.state[0].mode == mode).all()
-    error = np.array(norms) / 100.0
-    assert error[-1] < 1e-11
-    for now, then in pairwise(error):
-        assert now > 0.01 or then < max(50 * now**2, 1e-12), error
 
 
 # Load cycles
@@ -259,10 +204,7 @@ def kinks_of_cycle(friction, frame):
     return found[np.diff(found, prepend=-1) > 1e-6]
 
 
-@pytest.mark.parametrize(
-    ("friction", "frame"),
-    [(0.0, "reference"), (0.3, "corotating")],
-)
+@pytest.mark.parametrize(("friction", "frame"), [(0.0, "reference"), (0.3, "corotating")])
 def test_load_cycle(friction, frame):
     """Open, close, press, shear, reopen: Q grows only, T follows the law, the energies balance.
 
@@ -328,36 +270,7 @@ def test_load_cycle(friction, frame):
 # Rates
 
 
-def test_viscous_law_approaches_the_rate_independent_one(comm):
-    """Overstress and viscous work fall like 1/duration; the work is positive and booked.
-
-    In the slow limit T - T_0 is proportional to viscosity times the opening rate: ten times
-    slower, ten times closer (between 8 and 12 allowed for the curvature of the response).
-    """
-
-    def opened(viscosity, duration):
-        law = vmdg.Debonding(strength=100.0, critical_gap=0.2, viscosity=viscosity)
-        path = along([(0.0, 0.0), (0.14, 0.08)], (0.0, 0.3))
-        problem, _ = driven(comm, "quadrilateral", law, path)
-        options = vmdg.SolveOptions(duration=duration, relative_tolerance=1e-12)
-        vmdg.solve(problem, np.linspace(0.1, 1, 10), options)
-        return in_frame(problem)[0], problem.energy()
-
-    reference, energy = opened(0.0, 1.0)
-    assert energy.viscosity == 0
-    distance, spent = [], []
-    for duration in (10.0, 100.0, 1000.0):
-        T, energy = opened(50.0, duration)
-        distance.append(np.abs(T - reference).max())
-        spent.append(energy.viscosity)
-    assert min(spent) > 0
-    assert distance[0] < 0.2 * 100.0
-    for values in (distance, spent):
-        ratios = np.array(values[:-1]) / np.array(values[1:])
-        assert (ratios > 8).all() and (ratios < 12).all(), values
-
-
-@pytest.mark.parametrize("viscosity", [0.0, 10.0, 50.0])
+@pytest.mark.parametrize("viscosity", [0.0, 50.0])
 def test_overstress_ends_with_the_bond_of_a_bar(comm, viscosity):
     """T = R + eta dgamma R_n/P_c, R_n of the start of the step; blocks 2.9 mm apart are free."""
     law = vmdg.Debonding(strength=100.0, critical_gap=0.2, viscosity=viscosity)
@@ -378,40 +291,8 @@ def test_overstress_ends_with_the_bond_of_a_bar(comm, viscosity):
 
 
 def normal_values(problem: vmdg.Problem) -> dict[str, float]:
-    """Means of T and zeta along x."""
     values = problem.mean(0)
     return {"traction": values.traction[0], "gap": values.gap[0]}
-
-
-def test_wake_of_a_viscous_beam_is_free(comm):
-    """Points of a DCB that parted before this step bear nothing: its force hardly shows a rate."""
-    force = []
-    for viscosity in (0.0, 10.0):
-        scene = beams(comm, "quadrilateral", (0.0, 10.0, 40.0), (10, 60), precrack=10.0)
-        law = vmdg.Debonding(strength=30.0, critical_gap=0.04, viscosity=viscosity)
-        bond = vmdg.Interface(scene.facet_tags.find(INTERFACE), law=law)
-        arms = dict.fromkeys((1, 2), vmdg.NeoHookean(E=50e3, nu=0.3))
-        problem = vmdg.Problem(scene.mesh, scene.cell_tags, arms, [bond], kinematics="small")
-        upper, lower, end = map(scene.facet_tags.find, (UPPER_LEFT, LOWER_LEFT, RIGHT))
-        problem.dirichlet(end, 0.0)
-        problem.dirichlet(upper, lambda t: t / 2, "y")
-        problem.dirichlet(lower, lambda t: -t / 2, "y")
-        vmdg.solve(problem, np.linspace(0.1, 2.9, 29))
-        parted = gather(comm, problem.state[0].softening) == law.strength
-        vmdg.solve(problem, [3.0])
-        assert parted.sum() > 20
-        assert not gather(comm, problem.state[0].traction)[parted].any()
-        force.append(problem.reaction(upper)[1])
-    assert force[1] == pytest.approx(force[0], rel=0.04)
-
-
-@pytest.mark.parametrize("viscosity", [0.0, 1e6])
-def test_steep_softening_is_refused_whatever_the_viscosity(comm, viscosity):
-    """r <= H: the last part of a bond softens by H, and bears no overstress any more."""
-    law = vmdg.Debonding(strength=1e4, critical_gap=0.01, viscosity=viscosity)
-    with pytest.raises(ValueError, match="softening modulus"):
-        path = along([(0.0, 0.0), (0.01, 0.0)], (0.0, 0.0))
-        driven(comm, "quadrilateral", law, path, safety=4.0)
 
 
 def test_drag_slows_the_bonded_points_of_a_step(comm):

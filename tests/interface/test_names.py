@@ -16,7 +16,6 @@ LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05)
 
 
 def named(name: str | None = None) -> vmdg.Interface:
-    """An interface between two blocks."""
     return vmdg.Interface(between=(1, 2), law=LAW, name=name)
 
 

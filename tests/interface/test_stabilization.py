@@ -54,7 +54,6 @@ def gauss(n=6):
 
 
 def box_points(d):
-    """Gauss points of the unit square or cube."""
     x, w = gauss()
     points = np.stack(np.meshgrid(*[x] * d, indexing="ij"), axis=-1).reshape(-1, d)
     weights = np.prod(np.stack(np.meshgrid(*[w] * d, indexing="ij"), axis=-1), axis=-1).ravel()
@@ -108,7 +107,6 @@ def box_bubble(corners, on_facet):
 
 
 def facet_measure(corners):
-    """Length or area of a straight facet."""
     edges = corners[1:3] - corners[0]
     if corners.shape[1] == 2:
         return np.linalg.norm(edges)

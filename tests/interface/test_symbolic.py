@@ -58,7 +58,6 @@ def scene_of(comm, cell, options):
 
 
 def difference(comm, one, other):
-    """Relative to the second."""
     return global_norm(comm, one - other) / global_norm(comm, other)
 
 

@@ -9,7 +9,7 @@ import ufl
 from dolfinx.fem import petsc as fem_petsc
 from support.checks import directions, global_norm, modes, multiply, tangent_error, tangent_matrix
 from support.problems import displace, joined, partly_damaged
-from support.scenes import CELLS, DIMENSION, EVERY_CELL, EVERY_DEGREE, two_blocks
+from support.scenes import CELLS_BY_TURNS, two_blocks
 from support.symbolic import SymbolicForm
 
 import vmdg
@@ -18,8 +18,7 @@ from vmdg.assembly.point_matrices import add_fields, add_tangent
 from vmdg.points.jets import FacetJets
 
 
-@EVERY_CELL
-@EVERY_DEGREE
+@CELLS_BY_TURNS
 def test_active_damage(comm, cell, degree):
     """Some points in tension, some elastic: K is the derivative through the return maps."""
     problem = partly_damaged(comm, cell, degree)
@@ -47,8 +46,7 @@ def test_active_damage(comm, cell, degree):
     assert global_norm(comm, with_damage - without) > 1e-3 * global_norm(comm, without)
 
 
-@EVERY_CELL
-@EVERY_DEGREE
+@CELLS_BY_TURNS
 def test_tied_interface(comm, cell, degree):
     """The tie has the tensor tau_s in residual and tangent."""
     scene = two_blocks(comm, cell, distortion=0.05)
@@ -100,8 +98,7 @@ def symbolic_damage(problem, du):
     return -ufl.dot(by_eta, ufl.dot(C, by_du)) * oracle.measure(0), symbolic
 
 
-@pytest.mark.parametrize("cell", [cell for cell in CELLS if DIMENSION[cell] == 2])
-@EVERY_DEGREE
+@pytest.mark.parametrize(("cell", "degree"), [("triangle", 1), ("quadrilateral", 2)])
 def test_tangent_is_the_symbolic_one(comm, cell, degree):
     """Made at the points or by ufl.derivative of the residual: the same matrix to round-off.
 

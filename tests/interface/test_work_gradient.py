@@ -43,13 +43,12 @@ class Silent(vmdg.Debonding):
     """A law of one's own that does not say its gradient."""
 
     def return_map(self, *arguments):
-        """As of the base class."""
         update = super().return_map(*arguments)
         update.work_gradient[:] = 0.0
         return update
 
 
-@pytest.mark.parametrize("overstress", [0.0, 3.0])
+@pytest.mark.parametrize("overstress", [3.0])
 def test_laws_of_ones_own_and_steps_of_a_jump(comm, overstress):
     """The same by differences, and with the drag of a jump in the return map."""
     for law in (vmdg.Debonding(100.0, 0.2), Silent(100.0, 0.2)):

@@ -57,10 +57,14 @@ def test_strength_is_the_ellipse(angle):
 
 @EVERY_CRITERION
 @pytest.mark.parametrize("share", np.linspace(0.0, 1.0, 5))
-@pytest.mark.parametrize("steps", [1, 30])
-def test_proportional_opening_spends_what_the_criterion_says(criterion, exponent, share, steps):
+@pytest.mark.parametrize(
+    ("steps", "unloading"), [(1, "plastic"), (30, "plastic"), (1, "secant"), (20, "secant")]
+)
+def test_proportional_opening_spends_what_the_criterion_says(
+    criterion, exponent, share, steps, unloading
+):
     """At 5 ratios of the modes, pure ones too; G_I and G_II by the work of the components of T."""
-    law = with_criterion(criterion, exponent)
+    law = with_criterion(criterion, exponent, unloading=unloading)
     r = 3.0 * law.softening_modulus
     wanted = energy_of(criterion, exponent, share)
     # G_s sin^2/(G_n cos^2 + G_s sin^2) = share

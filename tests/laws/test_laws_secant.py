@@ -64,29 +64,6 @@ def histories(updates):
     )
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
-@pytest.mark.parametrize("share", np.linspace(0.0, 1.0, 5))
-def test_proportional_opening_spends_what_the_criterion_says(criterion, share):
-    """At 5 ratios of the modes; the curve is that of the law with plastic unloading."""
-    law, plastic = mixed(criterion), mixed(criterion, unloading="plastic")
-    exponent = CRITERIA[criterion] or 1.0
-    wanted = (((1 - share) / G_N) ** exponent + (share / G_S) ** exponent) ** (-1 / exponent)
-    if criterion == "BK":
-        wanted = G_N + (G_S - G_N) * share**exponent
-    angle = math.atan2(math.sqrt(share / G_S), math.sqrt((1.0 - share) / G_N))
-    traction = np.array([P_N * math.cos(angle), P_S * math.sin(angle)])
-    critical = np.array([math.cos(angle) * G_N / P_N, math.sin(angle) * G_S / P_S])
-    critical *= 2.0 * wanted / (G_N * math.cos(angle) ** 2 + G_S * math.sin(angle) ** 2)
-    r, d = 3.0 * law.softening_modulus, np.linspace(0.0, 1.0, 21)[1:, None, None]
-    loads = (1.0 - d) * traction + r * d * critical
-    updates, same = (follow(one, loads, NORMAL, r) for one in (law, plastic))
-    assert total(updates) == pytest.approx(wanted, rel=1e-9)
-    for one, other in zip(updates, same, strict=True):
-        np.testing.assert_allclose(one.traction, other.traction, atol=1e-9)
-        np.testing.assert_allclose(one.gap, other.gap, atol=1e-12)
-    assert updates[-1].softening[0] == pytest.approx(P_N, rel=1e-12)
-
-
 @EVERY_LAW
 def test_below_the_largest_gap_the_bond_is_a_spring_that_costs_nothing(make):
     """Cycles of constant amplitude, also in other directions: T = K (H_n zeta_N, H_s zeta_T)."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.problems import of_two
 from support.scenes import LEFT, two_blocks
 
 import vmdg
@@ -124,11 +125,10 @@ def test_block_on_a_spring(comm):
     # Thin, so that it does not turn.
     x = scene.mesh.geometry.x
     x[:, 0] = np.maximum(x[:, 0], 1 + 0.01 * (x[:, 0] - 1))
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: vmdg.NeoHookean(E=E, nu=0.0), 2: vmdg.Rigid(lambda t: (0.0, 0.1 * t))},
-        [vmdg.Interface(between=(1, 2), law=LAW)],
+    problem = of_two(
+        scene,
+        LAW,
+        (vmdg.NeoHookean(E=E, nu=0.0), vmdg.Rigid(lambda t: (0.0, 0.1 * t))),
         kinematics="small",
     )
     left = scene.facet_tags.find(LEFT)

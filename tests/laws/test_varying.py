@@ -31,10 +31,7 @@ SHEARED = {"shear_strength": between(8, 20, 4), "shear_energy": between(0.6, 1.2
 MIXED = {"normal_strength": P, "normal_energy": G, "friction": MU, **SHEARED}
 CASES = {
     "contact": (Contact, {"friction": MU}),
-    "weakening": (
-        Contact,
-        {"friction": MU, "dynamic_friction": MU / 2, "slip_distance": G / 50},
-    ),
+    "weakening": (Contact, {"friction": MU, "dynamic_friction": MU / 2, "slip_distance": G / 50}),
     "linear": (Debonding, {"strength": P, "critical_gap": G, "friction": MU, "viscosity": 3.0}),
     "secant": (
         Debonding,

@@ -75,8 +75,7 @@ RATED = {
 }
 
 
-@pytest.mark.parametrize("name", ["linear", "mixed"])
-@pytest.mark.parametrize("strengths", [0.1, 1000.0])
+@pytest.mark.parametrize(("name", "strengths"), [("linear", 0.1), ("mixed", 1000.0)])
 def test_rates_balance_in_a_bar(comm, name, strengths):
     """An overstress of so many strengths at 1 mm/s, any number of steps: rounding of 5e-6.
 
@@ -92,11 +91,11 @@ def test_rates_balance_in_a_bar(comm, name, strengths):
 @pytest.mark.parametrize(
     ("name", "kinematics"),
     [
-        ("linear", "finite"),
+        pytest.param("linear", "finite", marks=pytest.mark.long),
         ("weak links", "small"),
-        ("exponential", "finite"),
+        pytest.param("exponential", "finite", marks=pytest.mark.long),
         ("mixed", "small"),
-        ("intrinsic", "finite"),
+        pytest.param("intrinsic", "finite", marks=pytest.mark.long),
     ],
 )
 def test_rates_balance_as_other_bonds_do(comm, name, kinematics):

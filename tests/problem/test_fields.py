@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
+from support.problems import of_two
 from support.scenes import section, tag_cells, two_blocks
 
 import vmdg
@@ -73,13 +74,11 @@ def test_free_expansion(comm, cell, kinematics, volumetric):
     scene = two_blocks(comm, cell, 1, distortion=0.1)
     d, strain = scene.mesh.geometry.dim, STRAIN if cell == "tetrahedron" else STRAIN.copy()
     strain[2, 2] *= d - 2  # what the plane keeps
-    bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(30.0, 0.1))
     material = vmdg.NeoHookean(E=SOFT, nu=0.3)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: material, 2: material},
-        [bond],
+    problem = of_two(
+        scene,
+        vmdg.Debonding(30.0, 0.1),
+        (material,) * 2,
         kinematics=kinematics,
         eigenstrain={1: lambda t: t * strain, 2: lambda x, t: t * strain[..., None] + 0 * x[0]},
         volumetric=volumetric,
@@ -133,11 +132,10 @@ def test_work_of_a_strain_that_varies(comm):
     """The work of eigenstrains f(x, t) is what the bodies store."""
     scene = two_blocks(comm, "quadrilateral", 2)
     a, material = 1e-3, vmdg.NeoHookean(E=SOFT, nu=0.0)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        {1: material, 2: material},
-        [vmdg.Interface(between=(1, 2), law=vmdg.Bonded())],
+    problem = of_two(
+        scene,
+        vmdg.Bonded(),
+        (material,) * 2,
         degree=2,
         kinematics="small",
         eigenstrain=dict.fromkeys((1, 2), lambda x, t: a * t * np.where(x[1] < 0.5, -1.0, 1.0)),

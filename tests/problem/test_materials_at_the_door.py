@@ -15,7 +15,6 @@ import vmdg
 
 
 def problem(comm, material, **options) -> vmdg.Problem:
-    """Two blocks of a material and of steel."""
     scene = two_blocks(comm, "triangle", 2)
     steel = vmdg.NeoHookean(E=5000.0, nu=0.25)
     return vmdg.Problem(scene.mesh, scene.cell_tags, {1: steel, 2: material}, [], **options)
@@ -27,7 +26,6 @@ def stressed(F, p):
 
 
 def relaxed(F, p):
-    """With it."""
     return stressed(F, p) - p["mu"] * ufl.ln(ufl.det(F))
 
 
@@ -94,10 +92,7 @@ def test_values_that_vary(comm, value):
     [
         (vmdg.NeoHookean(E=lambda x: x[0] - 9, nu=0.3), r"E = -7.\d+ must be positive and finite"),
         (vmdg.NeoHookean(E=1.0, nu=lambda x: x[0]), r"nu = 1\.\d+ must lie in"),
-        (
-            vmdg.NeoHookean(mu=1.0, lmbda=lambda x: -x[0]),
-            r"lmbda = -1.\d+ must .* exceed",
-        ),
+        (vmdg.NeoHookean(mu=1.0, lmbda=lambda x: -x[0]), r"lmbda = -1.\d+ must .* exceed"),
         (vmdg.NeoHookean(E=np.ones(3), nu=0.3), r"E: .* it has shape \(3,\)"),
         (vmdg.Hyperelastic(relaxed, {"mu": lambda x: np.nan * x[0]}), r"mu.*: not finite"),
     ],

@@ -56,7 +56,6 @@ def warned(comm: MPI.Comm, match: str):
 
 
 def look(problem: vmdg.Problem) -> None:
-    """What is done before every solve."""
     check_model(problem, np.array([0.5, 1.0]))
 
 
@@ -260,18 +259,15 @@ def test_warnings_reach_the_user(comm):
 
 
 def make(tagged: TaggedMesh, **changes) -> vmdg.Problem:
-    """A problem with one wrong argument."""
     given = {"mesh": tagged.mesh, "cell_tags": tagged.cell_tags, "interfaces": [TIE]}
     return vmdg.Problem(**(given | {"materials": {1: STEEL, 2: STEEL}} | changes))
 
 
 def bond(tagged: TaggedMesh, **where) -> vmdg.Problem:
-    """A problem with a bond of wrong facets."""
     return make(tagged, interfaces=[vmdg.Interface(**where, law=BOND)])
 
 
 def apart(tagged: TaggedMesh) -> vmdg.Problem:
-    """A bond between groups that do not touch."""
     far = vmdg.split_cells(tagged.mesh, lambda x: 1.5 - x[0], "far", tagged.cell_tags)
     materials = {"left": STEEL, "right": STEEL, "far": STEEL}
     interface = vmdg.Interface(between=(1, 3), law=BOND)
@@ -279,18 +275,15 @@ def apart(tagged: TaggedMesh) -> vmdg.Problem:
 
 
 def prescribe(tagged: TaggedMesh, value, component=None) -> None:
-    """A value on the left side of the two blocks."""
     bonded(tagged).dirichlet(tagged.facet_tags.find("left"), value, component)
 
 
 def run(tagged: TaggedMesh, **arguments) -> None:
-    """A run with one wrong argument."""
     problem = held(tagged, bonded(tagged), "left", "right")
     vmdg.solve(**({"problem": problem, "loads": [1.0]} | arguments))
 
 
 def ended(tagged: TaggedMesh, value) -> vmdg.Problem:
-    """Its right end moved along x."""
     problem = held(tagged, bonded(tagged), "left")
     problem.dirichlet(tagged.facet_tags.find("right"), value, "x")
     problem.dirichlet(tagged.facet_tags.find("right"), 0.0, "y")
@@ -298,13 +291,11 @@ def ended(tagged: TaggedMesh, value) -> vmdg.Problem:
 
 
 def scaled(problem: vmdg.Problem) -> vmdg.Problem:
-    """Its mesh from mm to m."""
     problem.mesh.geometry.x[:] *= 1e-3
     return problem
 
 
 def tie(**options) -> vmdg.Interface:
-    """A tie with these options."""
     return vmdg.Interface(**({"law": vmdg.Bonded()} | options))
 
 
@@ -552,10 +543,7 @@ WRONG_TYPES = {
         "1, which is not a vmdg.Interface",
     ),
     "the tuple in place of the mesh": (lambda s: make(s, mesh=s), "unpack what vmdg.meshes"),
-    "no tags": (
-        lambda s: make(s, cell_tags=None),
-        "not dolfinx.mesh.MeshTags; make them by",
-    ),
+    "no tags": (lambda s: make(s, cell_tags=None), "not dolfinx.mesh.MeshTags; make them by"),
     "a tag in place of facets": (lambda s: bonded(s).dirichlet(1, 0.0), "facet_tags.find"),
     "a name in place of facets": (
         lambda s: bonded(s).dirichlet("left", 0.0),

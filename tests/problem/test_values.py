@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from support.problems import of_two
 from support.scenes import two_blocks
 
 import vmdg
@@ -147,8 +148,10 @@ UNCLEAR = {
 }
 
 
-@pytest.mark.parametrize("door", ["dirichlet", "traction", "body_force", "eigenstrain"])
-@pytest.mark.parametrize("value", UNCLEAR)
+@pytest.mark.parametrize(
+    ("value", "door"),
+    zip(UNCLEAR, 2 * ["dirichlet", "traction", "body_force", "eigenstrain"], strict=False),
+)
 def test_unclear_function(problem, scene, door, value):
     """Refused on every rank, with the ways to write it."""
     function, message = UNCLEAR[value]
@@ -215,8 +218,7 @@ def test_text_for_a_number(what):
 
 def bonded(scene, law=None, material=STEEL) -> vmdg.Problem:
     """Both blocks, with a bond between them."""
-    one = vmdg.Interface(between=(1, 2), law=law or vmdg.Debonding(3.0, 0.1))
-    return vmdg.Problem(scene.mesh, scene.cell_tags, {1: material, 2: STEEL}, [one])
+    return of_two(scene, law or vmdg.Debonding(3.0, 0.1), (material, STEEL))
 
 
 #: Doors of a problem, and how a value gets there.

@@ -10,14 +10,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx.mesh import (
-    CellType,
-    GhostMode,
-    compute_midpoints,
-    create_box,
-    create_rectangle,
-    meshtags,
-)
+from support.problems import of_two
+from support.scenes import box
 
 import vmdg
 from vmdg.meshes import blocks
@@ -47,31 +41,17 @@ def expect(problem: vmdg.Problem, *words: str, **options) -> str:
 
 def wall(comm: MPI.Comm, dim: int, law: vmdg.Law, load: Callable) -> vmdg.Problem:
     """Bricks of 2 x 1 mm in four rows of a running bond, whose lowest faces are held."""
-    if dim == 2:
-        mesh = create_rectangle(
-            comm,
-            [(0, 0), (6, 4)],
-            (12, 8),
-            CellType.quadrilateral,
-            ghost_mode=GhostMode.shared_facet,
-        )
-    else:
-        mesh = create_box(
-            comm,
-            [(0, 0, 0), (6, 4, 1)],
-            (12, 8, 1),
-            CellType.hexahedron,
-            ghost_mode=GhostMode.shared_facet,
-        )
-    cell_map = mesh.topology.index_map(dim)
-    cells = np.arange(cell_map.size_local + cell_map.num_ghosts, dtype=np.int32)
-    x, y = compute_midpoints(mesh, dim, cells).T[:2]
-    row = np.floor(y).astype(np.int32)
-    values = (10 * row + np.floor((x + row % 2) / 2)).astype(np.int32)
+
+    def brick(x):
+        row = np.floor(x[1])
+        return 10 * row + np.floor((x[0] + row % 2) / 2)
+
+    mesh, tags = box(comm, [(0, 0, 0)[:dim], (6, 4, 1)[:dim]], (12, 8, 1)[:dim], brick)
+    values = tags.values
     names = np.unique(np.concatenate(comm.allgather(np.unique(values))))
     problem = vmdg.Problem(
         mesh,
-        meshtags(mesh, dim, cells, values),
+        tags,
         dict.fromkeys(names.tolist(), BODY),
         [vmdg.Interface(between="all", law=law)],
         kinematics="small",
@@ -82,7 +62,6 @@ def wall(comm: MPI.Comm, dim: int, law: vmdg.Law, load: Callable) -> vmdg.Proble
 
 
 def top(x: np.ndarray) -> np.ndarray:
-    """The upper side of the wall."""
     return np.isclose(x[1], 4)
 
 
@@ -103,13 +82,13 @@ FALLS = {
 }
 
 
-@pytest.mark.parametrize(("dim", "load"), list(product((2, 3), STANDS)))
+@pytest.mark.parametrize(("dim", "load"), [(3, "pressed"), *product((2,), STANDS)])
 def test_wall_that_stands(comm, dim, load):
     """Bricks that are pressed on each other need no bond: nothing to warn of."""
     assert not told(wall(comm, dim, MORTAR, STANDS[load]))
 
 
-@pytest.mark.parametrize(("dim", "load"), list(product((2, 3), FALLS)))
+@pytest.mark.parametrize(("dim", "load"), [(3, "pushed"), *product((2,), FALLS)])
 def test_wall_that_falls(comm, dim, load):
     """One warning for all bricks that come free, and for no others."""
     lift, words = FALLS[load]
@@ -127,13 +106,7 @@ def test_wall_without_mortar(comm):
 
 def film(comm: MPI.Comm, cells: int, thickness: float = 0.01, degree: int = 2) -> vmdg.Problem:
     """A film on a base, 5 mm long, that shrinks."""
-    mesh = create_rectangle(
-        comm,
-        [(0, 0), (5, 7)],
-        (cells, 7),
-        CellType.quadrilateral,
-        ghost_mode=GhostMode.shared_facet,
-    )
+    mesh, _ = box(comm, [(0, 0), (5, 7)], (cells, 7))
     y = mesh.geometry.x[:, 1]
     mesh.geometry.x[:, 1] = np.where(y < 6.5, y / 6, 1 + thickness)
     tags = vmdg.split_cells(mesh, lambda x: 1 - x[1], "film")
@@ -173,8 +146,7 @@ def test_process_zone_of_large_bodies(comm):
 
     def problem(strength: float) -> vmdg.Problem:
         law = vmdg.ExponentialDebonding(strength=strength, fracture_energy=0.5)
-        between = vmdg.Interface(between=(1, 2), law=law)
-        result = vmdg.Problem(tagged.mesh, tagged.cell_tags, {1: soft, 2: stiff}, [between])
+        result = of_two(tagged, law, (soft, stiff))
         result.dirichlet(tagged.facet_tags.find("left"), 0.0)
         result.dirichlet(tagged.facet_tags.find("right"), lambda t: [1e-4 * t, 0.0])
         return result
@@ -198,9 +170,7 @@ def test_softening_far_above_the_bodies(comm):
     """One warning, with the digits that it costs."""
     tagged = blocks(comm, "quadrilateral", (2, 2, 2))
     law = vmdg.Debonding(strength=100.0, critical_gap=1e-9)
-    problem = vmdg.Problem(
-        tagged.mesh, tagged.cell_tags, {1: BODY, 2: BODY}, [vmdg.Interface(between=(1, 2), law=law)]
-    )
+    problem = of_two(tagged, law, (BODY,) * 2)
     problem.dirichlet(tagged.facet_tags.find("left"), 0.0)
     problem.dirichlet(tagged.facet_tags.find("right"), lambda t: [1e-4 * t, 0.0])
     expect(problem, "H = 1e+11 MPa/mm is far above", "Tractions lose 7 of their 16 digits")
@@ -212,10 +182,7 @@ def test_softening_far_above_the_bodies(comm):
 def moved(comm: MPI.Comm, value, law=MORTAR, **options) -> vmdg.Problem:
     """Two blocks of which one is held and one is moved by a value along x."""
     tagged = blocks(comm, "quadrilateral", (2, 2, 2))
-    bond = vmdg.Interface(between=(1, 2), law=law, name="bond")
-    problem = vmdg.Problem(
-        tagged.mesh, tagged.cell_tags, {1: BODY, 2: BODY}, [bond], kinematics="small", **options
-    )
+    problem = of_two(tagged, law, (BODY,) * 2, {"name": "bond"}, kinematics="small", **options)
     problem.dirichlet(tagged.facet_tags.find("left"), 0.0)
     problem.dirichlet(tagged.facet_tags.find("right"), value, "x")
     problem.dirichlet(tagged.facet_tags.find("right"), 0.0, "y")

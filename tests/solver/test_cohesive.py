@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
-
-from mpi4py import MPI
 
 import numpy as np
 import pytest
@@ -13,9 +10,6 @@ from support import bar
 from support.scenes import LEFT, RIGHT, two_blocks
 
 import vmdg
-from vmdg.meshes import beams
-from vmdg.meshes.beams import INTERFACE, UPPER_LEFT
-from vmdg.meshes.beams import RIGHT as END
 
 MU, PRESSURE = 0.5, 20.0
 P_S, G_S = 60.0, 0.9
@@ -94,38 +88,3 @@ def test_plateau_of_a_bar(comm, unloading):
     assert traction[level] == pytest.approx(bar.STRENGTH, rel=1e-9)
     assert traction[falls] == pytest.approx(bar.STRENGTH * (0.02 - gap[falls]) / 0.012, abs=1e-6)
     assert problem.energy().damage == pytest.approx(bar.STRENGTH * 0.014, rel=1e-4)
-
-
-def test_plateau_of_a_cracked_beam():
-    """Corrected beam theory, P (a + chi h) = b sqrt(G_c E h^3/12), while the crack runs."""
-    G_c, E, nu, h, a_0 = 0.28, 120e3, 0.3, 1.5, 20.0
-    law = vmdg.TrapezoidalDebonding(40.0, 0.004, 0.01)
-    scene = beams(
-        MPI.COMM_SELF, "quadrilateral", (0.0, 18.0, a_0, 34.0, 45.0), (9, 4, 28, 6), h, 1, a_0
-    )
-    body, facets = vmdg.NeoHookean(E=E, nu=nu), scene.facet_tags
-    interface = vmdg.Interface(facets.find(INTERFACE), law=law)
-    problem = vmdg.Problem(
-        scene.mesh, scene.cell_tags, {1: body, 2: body}, [interface], 2, kinematics="small"
-    )
-    for sign in (-1.0, 1.0):
-
-        def corner(x, sign=sign):
-            return np.isclose(x[0], 0.0) & np.isclose(x[1], sign * h)
-
-        problem.dirichlet_points(corner, lambda t, sign=sign: sign * t / 2, "y")
-    problem.dirichlet(facets.find(END), 0.0)
-
-    def monitor(problem):
-        force = problem.reaction(facets.find(UPPER_LEFT))[1]
-        return {"force": force, "crack": a_0 + problem.energy().damage / G_c}
-
-    history = vmdg.solve(problem, [0.4, 0.8, 1.2, 1.6], monitor=monitor).history
-    plane = E / (1 - nu**2)
-    ratio = plane * 2 * (1 + nu) / E
-    share = 1.18 * ratio / (1 + 1.18 * ratio)
-    chi = math.sqrt(ratio / 11 * (3 - 2 * share**2))
-    runs = history["crack"] > a_0 + 2
-    assert runs.sum() > 5
-    product = history["force"][runs] * (history["crack"][runs] + chi * h)
-    assert product == pytest.approx(math.sqrt(G_c * plane * h**3 / 12), rel=0.03)

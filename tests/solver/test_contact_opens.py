@@ -34,8 +34,7 @@ def cracked_beam(comm, facets: int, friction: float = 0.0, **options) -> vmdg.Pr
     return problem
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
-@pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize(("kinematics", "friction"), [("small", 0.3), ("finite", 0.0)])
 def test_crack_opens_at_once(comm, kinematics, friction):
     """The work does not depend on the number of facets, and the open crack bears nothing."""
     for facets in (15, 120):
@@ -48,8 +47,9 @@ def test_crack_opens_at_once(comm, kinematics, friction):
         assert (state.opening[:, 1] > 0).all()
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-@pytest.mark.parametrize("friction", [0.0, 0.05, 0.5])
+@pytest.mark.parametrize(
+    ("cell", "friction"), [("quadrilateral", 0.0), ("triangle", 0.05), ("quadrilateral", 0.5)]
+)
 def test_pressed_lips_close_at_once(comm, cell, friction):
     """Points that touch are held before the first correction, which tells which of them slide.
 

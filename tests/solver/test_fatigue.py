@@ -17,6 +17,7 @@ from vmdg.meshes.beams import INTERFACE, RIGHT
 LAW = vmdg.FatigueDebonding(100.0, 100.0, 1.0, 1.0)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 def test_bar_under_dead_load():
     """(1 - d)^(beta + 1) = 1 - N (p/E)^beta/gamma at a constant traction p P; energies; the end."""

@@ -14,12 +14,12 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import CellType, GhostMode, create_rectangle, meshtags
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from support import bar
 from support.bar import STRENGTH
+from support.scenes import box
 from weak_links import bundle, order_statistics
 
 import vmdg
@@ -104,9 +104,12 @@ def check(comm: MPI.Comm, law: vmdg.Debonding, kinematics: str, knots: list[floa
     assert not np.diff(history["damage"])[fell].any()
 
 
-@pytest.mark.parametrize("name", PROGRAMMES)
 @pytest.mark.parametrize(
-    ("unloading", "kinematics", "steps"), [("plastic", "finite", 3), ("secant", "small", 4)]
+    ("name", "unloading", "kinematics", "steps"),
+    [
+        (name, *(("plastic", "finite", 3), ("secant", "small", 4))[i % 2])
+        for i, name in enumerate(PROGRAMMES)
+    ],
 )
 def test_programmes(comm, name, unloading, kinematics, steps):
     """The load factor goes on while the way turns, holds and goes further."""
@@ -167,7 +170,8 @@ def test_strains_that_turn(comm, knots):
 # Snaps
 
 
-@settings(max_examples=2)
+@pytest.mark.long
+@settings(max_examples=1)
 @given(
     strengths=st.lists(st.floats(4.0, 9.8), min_size=4, max_size=4),
     critical_gap=st.sampled_from([0.004, 0.007]),
@@ -176,7 +180,6 @@ def test_strains_that_turn(comm, knots):
 )
 @example([5.96, 6.31, 8.6, 8.98], 0.008, 10, "jump")
 @example([5.96, 6.31, 8.6, 8.98], 0.008, 10, "trace")
-@example([6.21, 6.26, 8.14, 8.63], 0.004, 10, "trace")
 def test_weak_links_know_nothing_of_each_other(comm, strengths, critical_gap, steps, unstable):
     """Order statistics: at a load factor that the path passes for the first time all bars that are
     strong enough bear the same, and the others nothing."""
@@ -196,6 +199,7 @@ def test_weak_links_know_nothing_of_each_other(comm, strengths, critical_gap, st
     assert np.abs(history["imbalance"]).max() < 1e-4 * history["external"].max()
 
 
+@pytest.mark.long
 @settings(max_examples=2)
 @given(
     strengths=st.lists(st.floats(4.0, 9.8), min_size=3, max_size=4),
@@ -239,28 +243,18 @@ def test_no_bar_fails_below_its_strength(comm, strengths, shares, steps, unstabl
     assert max(history["off"][load.index(t)] for t in given) < 1e-6
 
 
-@pytest.mark.parametrize("unstable", ["jump", "trace"])
 @pytest.mark.parametrize(
-    ("strengths", "shares", "given"),
+    ("strengths", "shares", "given", "unstable"),
     [
-        ([4.597, 4.737], [0.72, 0.60], [13.5, 15.2]),
-        ([4.597, 4.737, 4.967], [0.72, 0.60, 0.71], [4.5, 9.0, 13.5, 18.2, 20.2]),
+        ([4.597, 4.737], [0.72, 0.60], [13.5, 15.2], "trace"),
+        ([4.597, 4.737, 4.967], [0.72, 0.60, 0.71], [4.5, 9.0, 13.5, 18.2, 20.2], "jump"),
     ],
 )
 def test_the_weakest_link_of_a_row_fails_alone(comm, strengths, shares, given, unstable):
     """One step passes the strengths of all links: the weakest snaps and unloads the others."""
     E, count = 1000.0, len(strengths)
     strengths, length = np.array(strengths), len(strengths) + 1.0
-    mesh = create_rectangle(
-        comm,
-        [(0.0, 0.0), (length, 0.05)],
-        (count + 1, 1),
-        CellType.quadrilateral,
-        ghost_mode=GhostMode.shared_facet,
-    )
-    cells = mesh.topology.index_map(2)
-    local = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
-    tags = meshtags(mesh, 2, local, np.ones_like(local))
+    mesh, tags = box(comm, [(0.0, 0.0), (length, 0.05)], (count + 1, 1))
 
     def of_link(values: np.ndarray):
         return lambda x: values[np.rint(x[0]).astype(int) - 1]
@@ -295,7 +289,7 @@ def test_the_weakest_link_of_a_row_fails_alone(comm, strengths, shares, given, u
         assert history["T"][load.index(t)] == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize("ways", [[0.0, 0.6, 1.0], [0.0, 0.6, 0.6, 1.0]])
+@pytest.mark.parametrize("ways", [[0.0, 0.6, 0.6, 1.0]])
 def test_snaps_behind_a_kink_of_the_programme(comm, ways):
     """The path turns back to load factors for which other loads were given: a jump goes on."""
     strengths = np.array([4.2, 6.2, 8.9])
@@ -337,6 +331,7 @@ def joint(comm: MPI.Comm, lengths: float, forces: float, factors: float):
     return history["load"] / factors, history["force"], result.counts, len(result.failures)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 def test_units_do_not_matter(comm):
     """Powers of two change no rounding: the same rows, counts and forces to their last digits.
@@ -350,9 +345,7 @@ def test_units_do_not_matter(comm):
 
     @settings(max_examples=1)
     @given(*(st.integers(-20, 20) for _ in range(3)))
-    @example(-10, 0, 0)
     @example(0, 10, 0)
-    @example(0, 0, 20)
     @example(-6, 0, 20)
     def the_same(lengths: int, forces: int, factors: int) -> None:
         others, scaled, *other_work = joint(comm, *(2.0**n for n in (lengths, forces, factors)))
@@ -364,7 +357,7 @@ def test_units_do_not_matter(comm):
     the_same()
 
 
-@pytest.mark.parametrize("factor", [1e-12, 1.0, 1e7, 1e15])
+@pytest.mark.parametrize("factor", [1e-12, 1e15])
 @pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 def test_a_load_factor_is_no_displacement(comm, factor):
     """Pascals, seconds or cycles, on a small body."""

@@ -31,7 +31,6 @@ def pulled(comm, n: int = 2, law: vmdg.Law = LAW, **options) -> vmdg.Problem:
 
 
 def solve(problem, loads, **options) -> vmdg.Result:
-    """With a force in the history."""
     monitor = lambda problem: {"force [N]": problem.reaction(lambda x: np.isclose(x[0], 0))[0]}  # noqa: E731
     return vmdg.solve(problem, loads, vmdg.SolveOptions(**options), monitor)
 
@@ -45,7 +44,6 @@ def test_quiet_by_default(comm, capfd):
 
 @pytest.fixture(autouse=True)
 def wide(monkeypatch):
-    """A terminal that cuts nothing."""
     monkeypatch.setenv("COLUMNS", "400")
     monkeypatch.setenv("LINES", "50")
 
@@ -79,6 +77,7 @@ def test_bar_shows_what_is_asked_for(comm, capsys):
         solve(pulled(comm), [0.01], progress=ALWAYS, show="torque")
 
 
+@pytest.mark.long
 def test_bar_while_a_step_is_cut_or_jumps(comm, capsys):
     """Why a step fails, the viscous steps of a jump, and part of a step on the bar."""
     brittle = vmdg.Debonding(strength=20.0, critical_gap=0.004)

@@ -20,7 +20,6 @@ E = 1000.0
 
 
 def squares(comm, law: vmdg.Law, left, right) -> vmdg.Problem:
-    """Two bonded squares with rigid ends."""
     mesh, cells, facets = blocks(comm, "quadrilateral", (2, 2))
     material = vmdg.NeoHookean(E=E, nu=0.3)
     interface = vmdg.Interface(between=(1, 2), law=law)

@@ -46,6 +46,19 @@ def joined(
     )
 
 
+def of_two(
+    scene: TaggedMesh,
+    law: vmdg.Law,
+    materials: Sequence[vmdg.Material],
+    interface: Mapping | None = None,
+    **options,
+) -> vmdg.Problem:
+    """Problem of two bodies and their interface, whose frame is that of the default."""
+    bond = vmdg.Interface(between=(1, 2), law=law, **(interface or {}))
+    bodies = dict(enumerate(materials, start=1))
+    return vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [bond], **options)
+
+
 def couple(
     scene: TaggedMesh, law: vmdg.Law, materials: Sequence[vmdg.Material] = SAME, **options
 ) -> vmdg.Problem:

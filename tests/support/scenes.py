@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations, product
 
 from mpi4py import MPI
 
@@ -14,6 +15,8 @@ from dolfinx.mesh import (
     Mesh,
     MeshTags,
     compute_midpoints,
+    create_box,
+    create_rectangle,
     create_unit_cube,
     create_unit_square,
     meshtags,
@@ -27,9 +30,38 @@ DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 
 CELLS = tuple(DIMENSION)
 EVERY_CELL = pytest.mark.parametrize("cell", CELLS)
 EVERY_DEGREE = pytest.mark.parametrize("degree", [1, 2])
-SEVERAL_RANKS = pytest.mark.skipif(
-    MPI.COMM_WORLD.size == 1, reason="one rank does not differ from itself"
+#: Every cell, and both degrees in the plane and in space.
+CELLS_BY_TURNS = pytest.mark.parametrize(
+    ("cell", "degree"),
+    [("triangle", 2), ("quadrilateral", 1), ("tetrahedron", 2), ("hexahedron", 1)],
 )
+
+
+def SEVERAL_RANKS(test: Callable) -> Callable:
+    """Mark of a test that compares several ranks with one: of those that ranks can change."""
+    alone = MPI.COMM_WORLD.size == 1
+    skipped = pytest.mark.skipif(alone, reason="one rank does not differ from itself")
+    return pytest.mark.ranks(skipped(test))
+
+
+def pairs(**values: Sequence) -> pytest.MarkDecorator:
+    """Combinations in which every two values of different arguments meet, in place of all."""
+    names, missing = list(values), set()
+    every = list(product(*(range(len(choice)) for choice in values.values())))
+
+    def met(row):
+        return set(combinations(enumerate(row), 2))
+
+    for row in every:
+        missing |= met(row)
+    chosen = []
+    while missing:
+        row = max(every, key=lambda row: len(met(row) & missing))
+        missing -= met(row)
+        chosen.append([choice[i] for choice, i in zip(values.values(), row, strict=True)])
+    return pytest.mark.parametrize(names, chosen)
+
+
 LEFT, RIGHT = 1, 2  # facet tags of the ends
 #: Facet tags of a section: the inner surface (or the axis), the outer one, the two ends.
 INNER, OUTER, INTERFACE, BOTTOM, TOP = 1, 2, 3, 4, 5
@@ -118,6 +150,23 @@ def cell_count(mesh: Mesh) -> int:
     """Local cells, ghosts included."""
     cells = mesh.topology.index_map(mesh.topology.dim)
     return cells.size_local + cells.num_ghosts
+
+
+def box(
+    comm: MPI.Comm,
+    ends: Sequence,
+    divisions: Sequence[int],
+    tag_of: Callable[[NDArray], NDArray] = lambda x: 1 + 0 * x[0],
+    cell: str | None = None,
+) -> tuple[Mesh, MeshTags]:
+    """A rectangle or box between two corners, and tags of its cells by their midpoints (3, n)."""
+    d = len(divisions)
+    create = create_rectangle if d == 2 else create_box
+    kind = CellType[cell or ("quadrilateral" if d == 2 else "hexahedron")]
+    mesh = create(comm, ends, divisions, kind, ghost_mode=GhostMode.shared_facet)
+    cells = np.arange(cell_count(mesh), dtype=np.int32)
+    values = tag_of(compute_midpoints(mesh, d, cells).T).astype(np.int32)
+    return mesh, meshtags(mesh, d, cells, values)
 
 
 def tag_cells(mesh: Mesh, predicates: Mapping[int, Predicate]) -> MeshTags:
