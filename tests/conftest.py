@@ -118,11 +118,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if not item.get_closest_marker("long")]
     here = Path(__file__).parent
     chosen = [here / place for place in RANKS]
+    ranked = {
+        path: any(path.is_relative_to(place) for place in chosen)
+        for path in {item.path for item in items}
+    }
     for item in items:
         # What is not given the ranks does the same on each of them; two folders take all of them.
         asks = {"comm", "out"} & {*item.fixturenames}
         asks = asks or item.path.parent.name in ("base", "output")
-        if asks and any(item.path.is_relative_to(place) for place in chosen):
+        if asks and ranked[item.path]:
             item.add_marker("ranks")
 
 
