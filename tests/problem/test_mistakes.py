@@ -140,6 +140,18 @@ def test_rows_of_a_run_that_is_ended(comm):
     assert problem.t == 0.1
 
 
+@pytest.mark.filterwarnings("ignore:the body of tag 2 carries a load", "ignore:A piece of the body")
+def test_force_beyond_the_strength(comm):
+    """The message begins with the cause, and with the load factor of the peak: 100 MPa at 0.5."""
+    tagged = scene(comm)
+    problem = held(tagged, bonded(tagged), "left")
+    problem.traction(tagged.facet_tags.find("right"), lambda t: (200 * t, 0.0))
+    with pytest.raises(
+        vmdg.StepFailure, match=r"^no equilibrium was found beyond load factor 0.4[89]"
+    ):
+        vmdg.solve(problem, [0.25, 1.0], vmdg.SolveOptions(max_cuts=3))
+
+
 @pytest.mark.parametrize(("E", "critical_gap"), [(5000.0, 0.2e-3), (5.0, 0.2)])
 def test_softening_too_steep_by_far(comm, E, critical_gap):
     """Critical gap in m, or E in GPa: H above tau_s by a large factor, the message asks for units.

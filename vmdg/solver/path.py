@@ -385,10 +385,24 @@ class Path:
         attempts = [reason for _, reason in failures[-cuts - 1 :]] or [found.reason]
         although = f" although it was cut {cuts} times" if start != end else ""
         return (
-            f"the step from load factor {start:.8g} to {end:.8g} failed{although}; the problem is "
-            f"in its state at {start:.8g}. In the last attempt {explained(attempts)}. (Its last "
-            f"residuals: {norms} N.) "
+            f"{self._beyond_the_peak(start, end)}the step from load factor {start:.8g} to "
+            f"{end:.8g} failed{although}; the problem is in its state at {start:.8g}. In the last "
+            f"attempt {explained(attempts)}. (Its last residuals: {norms} N.) "
             f"{hanging_piece(self._problem)}".rstrip()
+        )
+
+    def _beyond_the_peak(self, start: float, end: float) -> str:
+        """The cause of a failure where the path has turned back from a peak of the load."""
+        sense = math.copysign(1.0, end - start)
+        history = self._result.history
+        loads = history["load"] if len(history) else []
+        peak = max(loads, key=lambda t: sense * t, default=start)
+        if not sense * start < sense * peak < sense * end:
+            return ""
+        return (
+            f"no equilibrium was found beyond load factor {peak:.6g}, the peak of the load: there "
+            "the forces exceed what bonds and bodies carry, and then less. Prescribe "
+            f"displacements to follow them further, or end before {peak:.6g}. More exactly: "
         )
 
     # Snaps
