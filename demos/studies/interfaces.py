@@ -465,10 +465,6 @@ def turns(scene: Scene, rng: Generator) -> dict[str, Array]:
 #: Ways that differ by rounding and by the residuals that are left, a thousandth of this.
 SAME = 1e-8
 
-#: Pairs in space, whose surfaces are cut into other triangles with other points that open and
-#: close: an error of quadrature, relative to that of the mesh.
-CUT = 0.01
-
 #: Ranks: sums in another order.
 RANKS = 1e-9
 
@@ -637,8 +633,6 @@ def judged(number: int) -> Case:
             return found
         settled, change = settles(scene, here)
         rounded = 10 * run.rounding / run.force
-        if scene.d == 3 and scene.way != "matching" and scene.way != "open":
-            rounded += CUT * change
         for name, (view, allowed) in views(scene, number).items():
             if allowed == SAME:
                 allowed += rounded

@@ -276,6 +276,20 @@ def test_coercive(cell, degree, bodies, law):
         assert_keeps(problem, alpha)
 
 
+@pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Contact()], ids=["tie", "contact"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_r_does_not_ask_whether_nodes_are_shared(comm, cell, law):
+    """At small strain, where delta is a tensor, in cells with one facet and with several."""
+    scene = two_blocks(comm, cell, 2, 0.1)
+    materials = vmdg.NeoHookean(E=1000.0, nu=0.49), vmdg.NeoHookean(E=3000.0, nu=0.2)
+    found = []
+    for each in (scene, separated(scene)):
+        problem = joined(each, law, materials, kinematics="small")
+        problem.step.begin(1.0, 1.0)
+        found.append(np.sort(problem.stabilization[0].norm))
+    assert found[1] == pytest.approx(found[0], rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("law", "sliding"),
     [

@@ -7,6 +7,7 @@ from math import factorial
 import numpy as np
 import pytest
 from basix import CellType
+from support.problems import rotation
 
 from vmdg.points.pair_points import rule_with_corners
 from vmdg.points.segments import FlatFacets, clipped, cut, inside, passed
@@ -71,6 +72,27 @@ def test_turned_planes(turn):
     c, s = np.cos(turn), np.sin(turn)
     corner = (c + s - 1) ** 2 / (2 * c * s) / 4
     assert found.measures.sum() == pytest.approx(1 - 4 * corner, abs=1e-14)
+
+
+@pytest.mark.parametrize("triangles", [True, False])
+@pytest.mark.parametrize(
+    ("way", "angle"),
+    [("turned", 0.0), ("turned", 0.3), ("mirrored", 0.3), ("counted", 0.0), ("counted", 0.3)],
+)
+def test_pieces_are_of_the_facets_alone(triangles, way, angle):
+    """The same segments of the same facets, whatever their axes and the order of their corners;
+    mirrored, if the facets are not their own images."""
+    sides = plane(3, False, triangles), plane(4, True, triangles, angle)
+    turn = {"turned": rotation(3, 0.7), "mirrored": np.diag([1.0, -1.0, 1.0])}.get(way, np.eye(3))
+    shift, found = int(way == "counted"), []
+    for by, start in ((np.eye(3), 0), (turn, shift)):
+        corners = (np.roll(side.corners @ by.T, start, axis=1) for side in sides)
+        moved = [FlatFacets(c, s.normals @ by.T) for c, s in zip(corners, sides, strict=True)]
+        cuts = cut(*moved)
+        corners = cuts.origins[:, None] + np.einsum("nck,nkd->ncd", cuts.corners, cuts.axes)
+        at = np.sort(corners @ by @ [1.0, np.pi, 0.0], axis=1)
+        found.append(at[np.lexsort([*np.round(at, 6).T, cuts.second, cuts.first])])
+    assert found[1] == pytest.approx(found[0], abs=1e-12)
 
 
 def test_curved_line():

@@ -24,19 +24,25 @@ cell divides its energy among its facets in proportion to what each would need a
 the largest eigenvalue of facet f alone and m that of sum_f 1/lambda_f int_f h.T_f.h, (*) holds for
 m lambda_f.
 
-Where meshes do not match, a facet has several partners, of other tau and delta. Its share of the
-energy of the cell is then that of sum_f 1/c_f int_f h.h <= E_K(u), c_f in MPa/mm, which knows the
-cell alone, and
+Where meshes do not match, a facet has several partners, of other tau and delta. Its T is then the
+mean of the above over its pairs by area, and for every pair
 
-    int 2 g.delta_a.h_a + c_a |delta_a^T.g|^2 >= -1/c_a int h_a.h_a.
+    int 2 g.delta_a.h_a + lambda_a (delta_a^T.g).T_a^-1.(delta_a^T.g)
+        >= -1/lambda_a int h_a.T_a.h_a.
 
 Where the facets of a pair are not parallel, the flux of side 2 enters per area of side 1, as
-rho h_2 with rho = dS_2/dS_1 = |M_2|, and as int rho |h_2|^2 dS_1 = int |h_2|^2 dS_2,
+rho h_2 with rho = dS_2/dS_1 = |M_2|, and as int rho h_2.T_2.h_2 dS_1 = int h_2.T_2.h_2 dS_2,
 
-    int 2 rho g.delta_2.h_2 + rho c_2 |delta_2^T.g|^2 dS_1 >= -1/c_2 int h_2.h_2 dS_2.
+    int 2 rho g.delta_2.h_2 + rho lambda_2 (delta_2^T.g).T_2^-1.(delta_2^T.g) dS_1
+        >= -1/lambda_2 int h_2.T_2.h_2 dS_2.
 
-So tau = (c_1 delta_1.delta_1^T + rho c_2 delta_2.delta_2^T) / (1 - alpha) suffices for every pair:
-r = (c_1 delta_1^2 + rho c_2 delta_2^2) / (1 - alpha) for scalars.
+So s tau = s' tau / (1 - alpha) suffices for every pair, s' the least factor with
+
+    s' tau >= lambda_1 delta_1.T_1^-1.delta_1^T + rho lambda_2 delta_2.T_2^-1.delta_2^T,    (**)
+
+for scalars r = (c_1 delta_1^2 + rho c_2 delta_2^2) / (1 - alpha) with c_a = lambda_a / T_a in
+MPa/mm, which knows the cell alone. With one partner delta_a.T_a^-1.delta_a^T = w_a tau, and s' is
+the s above.
 
 alpha decides how near the solution is to that of continuous elements. The flux of the best
 approximation in the cells misses that of the solution by f, of order h^k, whatever the shape of the
@@ -398,19 +404,22 @@ def _square_root(
 def _of_pairs(
     tau: NDArray[np.float64],
     delta: NDArray[np.float64],
-    c: NDArray[np.float64],
+    T: NDArray[np.float64],
+    lambdas: NDArray[np.float64],
     stretch: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Smallest factors s with s tau >= c_1 delta_1.delta_1^T + rho c_2 delta_2.delta_2^T (n,).
+    """s' of (**) (n,).
 
     Args:
         tau: Penalties (n, d, d) [MPa/mm].
         delta: Flux weights (n, 2, d, d).
-        c: c_a of both facets (n, 2) [MPa/mm].
+        T: Of both facets (n, 2, d, d) [mm3/N].
+        lambdas: Of both facets (n, 2).
         stretch: rho (n,).
     """
-    per_area = np.column_stack([c[:, 0], stretch * c[:, 1]])
-    least = np.einsum("fa,faik,fajk->fij", per_area, delta, delta)
+    per_area = np.column_stack([lambdas[:, 0], stretch * lambdas[:, 1]])
+    inverse = np.linalg.solve(T, delta.swapaxes(2, 3))
+    least = np.einsum("fa,faik,fakj->fij", per_area, delta, inverse, optimize=True)
     # Of tau^-1.least, whose eigenvalues are those of a symmetric matrix.
     return np.linalg.eigvals(np.linalg.solve(tau, least)).real.max(axis=1)
 
@@ -426,6 +435,7 @@ class Coercivity:
         bodies: Materials.
         interfaces: Open facets of every interface on this rank.
         stretches: rho of them (nf,).
+        areas: Their areas (nf,) [mm2; mm in plane strain].
     """
 
     def __init__(
@@ -434,6 +444,7 @@ class Coercivity:
         bodies: Bodies,
         interfaces: Sequence[InterfaceFacets],
         stretches: Sequence[NDArray[np.float64]],
+        areas: Sequence[NDArray[np.float64]],
     ):
         mesh = u.function_space.mesh
         self._d = mesh.geometry.dim
@@ -441,14 +452,12 @@ class Coercivity:
         cell = basix.CellType[mesh.topology.cell_name()]
         self._facets_of_cell = len(basix.topology(cell)[self._d - 1])
         self._slots = [f.cells * self._facets_of_cell + f.local for f in interfaces]
-        self._paired, self._stretches = [f.paired for f in interfaces], stretches
+        self._stretches, self._areas = stretches, areas
         # Cells of a rigid wall have no energy; tau is chosen for the deformable side.
         soft = ~bodies.rigid
         marks = self._to_owners([1.0 * soft[f.cells][:, :, None] for f in interfaces])
         marks = marks[: self._cell_map.size_local * self._facets_of_cell, 0]
         self._solved = np.flatnonzero(marks)
-        # A facet whose partners are on several ranks is one of each of these.
-        self._ranks = marks[self._solved]
         cells, local = np.divmod(self._solved, self._facets_of_cell)
         self._problems = CellProblems(u, bodies, cells.astype(np.int32), local.astype(np.int32))
         # A body at points may have any moduli between zero and the elastic ones.
@@ -460,14 +469,17 @@ class Coercivity:
             self._free[bodies.points.has(cells)] = most
 
     def _to_owners(self, values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Values (nf, 2, n) of the sides of facets, by cell and facet in it (slots, n)."""
-        size = values[0].shape[2]
-        vector = la.vector(self._cell_map, self._facets_of_cell * size)
-        by_slot = vector.array.reshape(-1, size)
+        """Sums of values (nf, 2, n) of the sides of pairs, by cell and facet in it (slots, n)."""
+        vector, by_slot = self._by_slot(values[0].shape[2])
         for slots, value in zip(self._slots, values, strict=True):
-            by_slot[slots] = value
+            np.add.at(by_slot, slots, value)
         vector.scatter_reverse(la.InsertMode.add)
         return by_slot
+
+    def _by_slot(self, size: int) -> tuple[la.Vector, NDArray[np.float64]]:
+        """A vector of zeros, and its array by cell and facet in it (slots, size)."""
+        vector = la.vector(self._cell_map, self._facets_of_cell * size)
+        return vector, vector.array.reshape(-1, size)
 
     def __call__(
         self,
@@ -483,32 +495,31 @@ class Coercivity:
             chosen: Facets whose factors are needed, those of others may be too small (nf,); None
                 for all.
         """
-        d = self._d
-        shares = [np.trace(delta, axis1=2, axis2=3) / d for delta in deltas]
-        weights = [
-            np.tile(np.eye(d), (*share.shape, 1, 1))
-            if paired
-            else np.einsum("faki,fakj->faij", delta, np.linalg.solve(tau[:, None], delta))
-            / np.where(share == 0.0, 1.0, share)[:, :, None, None]
-            for paired, tau, delta, share in zip(
-                self._paired, penalties, deltas, shares, strict=True
-            )
-        ]
-        T = self._to_owners([value.reshape(-1, 2, d * d) for value in weights])
-        T = (T[self._solved] / self._ranks[:, None]).reshape(-1, d, d)
-        vector = la.vector(self._cell_map, self._facets_of_cell)
+        d, sums = self._d, []
+        for tau, delta, area in zip(penalties, deltas, self._areas, strict=True):
+            share = np.trace(delta, axis1=2, axis2=3)[..., None] / d
+            # That of a side without a flux is not known, nor needed.
+            weight = area[:, None, None] * (share != 0)
+            T = np.einsum("faki,fakj->faij", delta, np.linalg.solve(tau[:, None], delta))
+            T = T.reshape(-1, 2, d * d) / np.where(share == 0, 1.0, share)
+            sums.append(np.concatenate([weight * T, weight], axis=2))
+        total = self._to_owners(sums)[self._solved]
+        some = total[:, -1:] > 0
+        means = np.where(
+            some, total[:, :-1] / np.where(some, total[:, -1:], 1.0), np.eye(d).ravel()
+        )
         needed = None
         if chosen is not None:
             marks = [np.repeat(1.0 * one, 2).reshape(-1, 2, 1) for one in chosen]
             needed = self._to_owners(marks)[self._solved, 0] > 0
-        vector.array[self._solved] = self._free * self._problems(T, needed)
+        vector, by_slot = self._by_slot(d * d + 1)
+        by_slot[self._solved, :-1] = means
+        by_slot[self._solved, -1] = self._free * self._problems(means.reshape(-1, d, d), needed)
         vector.scatter_forward()
-        found = zip(
-            self._paired, self._slots, penalties, deltas, shares, self._stretches, strict=True
-        )
-        return [
-            _of_pairs(tau, delta, vector.array[slots], stretch)
-            if paired
-            else (share * vector.array[slots]).sum(axis=1)
-            for paired, slots, tau, delta, share, stretch in found
-        ]
+        results = []
+        known = zip(self._slots, penalties, deltas, self._stretches, strict=True)
+        for slots, tau, delta, stretch in known:
+            T, lambdas = by_slot[slots, :-1].reshape(-1, 2, d, d), by_slot[slots, -1]
+            T = np.where((lambdas == 0)[..., None, None], np.eye(d), T)
+            results.append(_of_pairs(tau, delta, T, lambdas, stretch))
+        return results

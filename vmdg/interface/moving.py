@@ -87,12 +87,10 @@ class EachFacet(NamedTuple):
     Attributes:
         cells: Cells (n, 2).
         local: Numbers of the facets in them (n, 2).
-        paired: As for :class:`.PairedFacets`.
     """
 
     cells: NDArray[np.int32]
     local: NDArray[np.int32]
-    paired: bool = True
 
 
 class SurfaceStabilizer(Stabilizer):
@@ -117,7 +115,7 @@ class SurfaceStabilizer(Stabilizer):
         self._factor = quadrature.bubble_factors_of(*own)
         self._rigid = bodies.rigid[own[0]]
         # Of the facets alone: that of a pair enters in :meth:`of_pairs`.
-        self.stretch = np.ones(len(own[0]))
+        self.stretch = self.area = np.ones(len(own[0]))
 
     def derive(self) -> SurfaceStabilization:
         """tau_a of (21) of all facets at the current displacement."""

@@ -161,6 +161,7 @@ class Stabilizer:
         interface: As given.
         facets: Facets of the quadrature.
         stretch: rho of :mod:`vmdg.interface.coercivity` (nf,).
+        area: Reference area (nf,) [mm2; mm in plane strain].
         automatic: Whether tau_s is scaled facet by facet, ``safety="auto"``.
         margin: alpha of :mod:`vmdg.interface.coercivity`.
     """
@@ -180,7 +181,7 @@ class Stabilizer:
         self._stiffness = BubbleIntegrals(u, bodies, cells, local)
         self._rigid = bodies.rigid[facets.cells.T]
         self._factor = quadrature.bubble_factors()
-        area = quadrature.area
+        self.area = area = quadrature.area
         N = np.zeros((len(area), quadrature.d))
         np.add.at(N, quadrature.facet, quadrature.normal * quadrature.weights[:, None])
         N /= np.linalg.norm(N, axis=1, keepdims=True)
@@ -417,7 +418,8 @@ class Stabilizers:
         if self._coercivity is None:
             facets = [self._interfaces[i].facets for i in chosen]
             stretches = [self._interfaces[i].stretch for i in chosen]
-            self._coercivity = Coercivity(self._u, self._bodies, facets, stretches)
+            areas = [self._interfaces[i].area for i in chosen]
+            self._coercivity = Coercivity(self._u, self._bodies, facets, stretches, areas)
         with timer("coercivity"):
             found = self._coercivity(
                 [derived[i].penalty for i in chosen],

@@ -42,6 +42,10 @@ _ON, _BETWEEN = 1e-9, 1e-6
 #: corners relative to their largest coordinate: less is rounding.
 _SLIVER, _SAME = 1e-12, 1e-13
 
+#: Differences of areas, relative to the square of the largest coordinate, below which they are
+#: equal.
+_EQUAL = 1e-9
+
 #: Distance from a side, relative to the size of the facet, within which a point is on it.
 _ALONG = 1e-9
 
@@ -51,7 +55,7 @@ _SOON = 0.25
 #: Number of pairs of polygons, and the arrays of segments.c.
 _DECLARATIONS = f"""
 void clipped(long{", void *" * 5});
-void pieces(long{", void *" * 4});
+void pieces(long{", void *" * 6});
 """
 
 
@@ -378,17 +382,20 @@ def _polygons(one: Array, two: Array) -> tuple[Numbers, Array]:
     """Intersections of convex polygons (n, c, 2), cut into triangles or quadrilaterals as they are:
     numbers of the pairs, and corners (m, c, 2).
 
-    The corner whose triangle with its neighbours is the smallest is cut off until as many are left.
+    The corner whose triangle with its neighbours is the smallest is cut off until as many are left;
+    of equal ones that which leaves the shorter side, then that farther from the origin, then from
+    the middle of the second polygon.
     So a polygon that is nearly one of these is integrated nearly like it, as where facets that lie
     on each other begin to slide: a fan of triangles would integrate by another rule.
     """
-    count, size = len(one), max(one.shape[1], two.shape[1])
+    count, size, centres = len(one), max(one.shape[1], two.shape[1]), two.mean(axis=1)
     # With a repeated corner a triangle is a quadrilateral.
     one, two = (p[:, np.minimum(np.arange(size), p.shape[1] - 1)] for p in (one, two))
     polygons, counts = clipped(_counterclockwise(one), _counterclockwise(two))
     most = polygons.shape[1] - size + 1
     found, numbers = np.empty((count, most, size, 2)), np.empty(count, dtype=np.int64)
-    call(_module(size), "pieces", polygons, counts, found, numbers)
+    given = polygons, counts, np.ascontiguousarray(centres), np.array([_EQUAL])
+    call(_module(size), "pieces", *given, found, numbers)
     return np.repeat(np.arange(count), numbers), found[np.arange(most) < numbers[:, None]]
 
 
