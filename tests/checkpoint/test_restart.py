@@ -20,11 +20,10 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import CellType, GhostMode, create_rectangle
 from support import bar, killed_run
 from support.checks import by_position
 from support.problems import MATERIALS, joined, set_displacement
-from support.scenes import EVERY_CELL, everywhere, interior_facets, tag_cells, two_blocks
+from support.scenes import EVERY_CELL, box, interior_facets, two_blocks
 
 import vmdg
 from vmdg.assembly.space import broken_space
@@ -64,10 +63,7 @@ def sheared(cell: str, **options):
 
 def plate(comm: MPI.Comm, cell: str, interface) -> Held:
     """A square, clamped at the left, whose right side is pulled in its upper half."""
-    mesh = create_rectangle(
-        comm, [[0, 0], [1, 1]], [6, 6], CellType[cell], ghost_mode=GhostMode.shared_facet
-    )
-    tags = tag_cells(mesh, {1: everywhere})
+    mesh, tags = box(comm, [[0, 0], [1, 1]], [6, 6], cell=cell)
     problem = vmdg.Problem(mesh, tags, {1: MATERIAL}, [interface(mesh)])
     problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
     problem.dirichlet(lambda x: np.isclose(x[0], 1) & (x[1] >= 0.5 - 1e-9), lambda t: t, "x")
@@ -75,8 +71,6 @@ def plate(comm: MPI.Comm, cell: str, interface) -> Held:
 
 
 def cracked_plate(critical_gap=0.02):
-    """Crack tip in the middle of the plate."""
-
     def interface(mesh):
         law = vmdg.Debonding(strength=4.0, critical_gap=critical_gap)
         line = interior_facets(mesh, lambda x: np.isclose(x[0], 0.5) & (x[1] > 0.5))
@@ -137,7 +131,6 @@ def first_ranks(comm: MPI.Comm, size: int) -> MPI.Comm | None:
 
 
 def ways(comm: MPI.Comm) -> list[tuple[int, int]]:
-    """Numbers of ranks that write and that read."""
     n = comm.size
     return sorted({(1, n), (n, 1), (min(n, 2), n)} - ({(2, 2)} if n == 2 else set()))
 
@@ -208,37 +201,8 @@ def test_any_number_of_ranks(comm, out, name):
         comm.barrier()
 
 
-OTHERS = {
-    "tie": {"law": vmdg.Bonded()},
-    "mean dilatation": {"cell": "quadrilateral", "volumetric": "mean"},
-    "viscous law": {"law": vmdg.Debonding(strength=60.0, critical_gap=0.2, viscosity=2.0)},
-    "swelling": {"eigenstrain": {2: lambda t: -0.02 * t}},
-}
-
-
 def left(x: np.ndarray) -> np.ndarray:
-    """Where the blocks are held."""
     return np.isclose(x[0], 0)
-
-
-@pytest.mark.parametrize("name", OTHERS)
-def test_what_else_a_state_has(comm, out, name):
-    """The next steps after a checkpoint are those of the run that goes on, on the same ranks."""
-    loads, histories = np.linspace(0.02, 0.12, 6), []
-    for read in (False, True):
-        problem = small(comm, **OTHERS[name])
-        problem.dirichlet(left, 0.0)
-        problem.dirichlet(lambda x: np.isclose(x[0], 2), lambda t: (t, 0.3 * t))
-        if read:
-            history = vmdg.read_checkpoint(problem, out)
-        else:
-            history = run((problem, left), loads[:3], checkpoint=out)
-        assert len(history) == 3
-        histories.append(run((problem, left), loads[3:], history))
-    there, here = histories
-    assert len(here) == len(there)
-    assert_same(here["force"], there["force"], 0.0 if comm.size == 1 else SAME, "force")
-    assert_same(here["imbalance"], there["imbalance"], 1e-6, "imbalance")
 
 
 def gripped(comm: MPI.Comm) -> Held:
@@ -305,8 +269,8 @@ def test_a_checkpoint_changes_nothing(comm, out):
 
 
 def small(comm: MPI.Comm, cell="triangle", n=2, law=BOND, **options) -> vmdg.Problem:
-    """Two blocks at rest."""
-    return joined(two_blocks(comm, cell, n), law, interface=TURNING, **options)
+    interface = TURNING | options.pop("interface", {})
+    return joined(two_blocks(comm, cell, n), law, interface=interface, **options)
 
 
 @pytest.mark.parametrize(
@@ -318,6 +282,7 @@ def small(comm: MPI.Comm, cell="triangle", n=2, law=BOND, **options) -> vmdg.Pro
         ({"thickness": 2.0}, "thickness: 1.0 there, 2.0 here"),
         ({"law": vmdg.Debonding(strength=61.0, critical_gap=0.2)}, "strength': 61.0"),
         ({"materials": MATERIALS[::-1]}, "material 1: "),
+        ({"interface": {"initial_damage": lambda x: 0.5 * (x[1] < 0.5)}}, "initial damage: "),
     ],
 )
 def test_another_problem(comm, out, options, message):
@@ -458,7 +423,6 @@ KILLS = int(os.environ.get("VMDG_KILLS", "2"))
 
 
 def start(folder: Path, log: Path) -> subprocess.Popen:
-    """A run in a process of its own."""
     script = Path(killed_run.__file__)
     root = script.parents[2]
     path = os.pathsep.join([str(root), str(root / "demos"), os.environ.get("PYTHONPATH", "")])
@@ -602,7 +566,6 @@ time.sleep(600)
 
 @contextmanager
 def other_run(comm: MPI.Comm, lock: Path) -> Iterator[None]:
-    """Another process holds a lock."""
     process = None
     if comm.rank == 0:
         lock.parent.mkdir(parents=True, exist_ok=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
@@ -10,9 +9,9 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx.mesh import compute_midpoints
-from support.apart import block, full_rings, moved, rings, stack
+from support.apart import block, full_rings, moved, rings
 from support.checks import multiply, tangent_matrix
-from support.problems import of_two, rotation, set_displacement
+from support.problems import rotation, set_displacement
 from support.scenes import DIMENSION
 
 import vmdg
@@ -215,25 +214,6 @@ def test_meshes_that_match(cell):
     assert result.history["iterations"].mean() <= 6
 
 
-@pytest.mark.long
-def test_no_body_passes_through_another():
-    """A block that starts above the base and is moved into it in one step is found there."""
-
-    def force(loads):
-        scene = body_and_base("quadrilateral", (5, 3), (28, 3), gap=0.05)
-        problem = contact(scene, (SOFT, HARD), vmdg.Contact(friction=MU))
-        find = scene.facet_tags.find
-        problem.dirichlet(find(21), 0.0)
-        problem.dirichlet(find(12), lambda t: (0.0, -0.3 * t))
-        result = vmdg.solve(
-            problem, loads, TIGHT, lambda problem: {"F": -problem.reaction(find(12))[1]}
-        )
-        return result.history["F"][-1]
-
-    # Friction depends on the steps.
-    assert force([1.0]) == pytest.approx(force(np.linspace(0.2, 1.0, 9)), rel=0.02)
-
-
 def test_wedge():
     """Up a slope of .115 with mu = .2 the forces are in the ratio tan(alpha + phi)."""
     slope, mu = 0.115, 0.2
@@ -391,26 +371,6 @@ def test_points_at_one_place_have_one_traction():
     normal, traction = tractions_at(X, 2.0, T, N, dA)
     assert normal == pytest.approx(N)
     assert traction == pytest.approx(-np.array([[0, 1], [0, 5], [0, 5], [0, 4.0]]))
-
-
-@pytest.mark.long
-def test_off_the_edge_and_back():
-    """Points leave the base and come back, with friction the other way."""
-    scene = body_and_base("quadrilateral", (4, 2), (14, 2), start=2.6)
-    loads = np.concatenate([[0.5, 1.0], np.arange(1.1, 3.05, 0.1)])
-
-    def way(s):
-        return np.array([0.9 * np.sin(np.pi / 2 * s), 0.0])
-
-    _, result = slide(scene, (SOFT, HARD), vmdg.Contact(friction=MU), way, loads)
-    table = result.history
-    at = {t: np.flatnonzero(np.isclose(table["load"], t))[0] for t in (1.1, 2.0, 3.0)}
-    points, N = table["points"], -table["Fy"]
-    assert points[at[2.0]] < min(points[at[1.1]], points[at[3.0]])
-    assert N[at[2.0]] < 0.8 * N[at[1.1]]
-    assert N[at[3.0]] == pytest.approx(N[at[1.1]], rel=2e-3)
-    ratio = table["Fx"] / N
-    assert [ratio[at[1.1]], ratio[at[3.0]]] == pytest.approx([MU, -MU], rel=5e-3)
 
 
 #: The diagonal of a cube upright.
@@ -1019,33 +979,6 @@ def test_tangent_knows_that_pairs_move(cell, cells, base):
     product = multiply(tangent_matrix(problem), v.ravel())
     error = np.linalg.norm(product - difference) / np.linalg.norm(difference)
     assert error < (0.005 if cell in ("triangle", "tetrahedron") else 0.06)
-
-
-@pytest.mark.long
-def test_frictionless_bodies_turn_together():
-    """A rigid rotation of bodies under pressure turns tractions and leaves forces in balance."""
-    scene = stack("quadrilateral", 3, 4)
-    problem = of_two(scene, vmdg.Contact(), (SOFT, HARD), {"sliding": True})
-    find = scene.facet_tags.find
-
-    def turned(x, t, shift):
-        moved = x[:2] + np.array([[0.0], [shift]]) * min(t, 1.0)
-        return rotation(2, max(t - 3.0, 0.0)) @ moved - x[:2]
-
-    problem.dirichlet(find(11), partial(turned, shift=0.0))
-    problem.dirichlet(find(22), partial(turned, shift=-0.03))
-    # tau_s follows the strain of the steps before.
-    loads = [1.0, 2.0, 3.0, 3.2, 3.4, 3.8]
-    found = []
-
-    def monitor(problem):
-        state = problem.state[0]
-        turned = np.einsum("pji,pj->pi", state.rotation, state.traction)
-        found.append(state.weights @ turned)
-        return {}
-
-    vmdg.solve(problem, loads, TIGHT, monitor)
-    assert np.abs(np.diff(found[2:], axis=0)).max() < 1e-8 * abs(found[0][1])
 
 
 # Refusals

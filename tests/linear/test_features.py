@@ -13,7 +13,6 @@ RUBBING = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
 
 
 def on(problem: vmdg.Problem, **options) -> dict[str, bool]:
-    """Position of every switch."""
     board = vmdg.switchboard(problem, vmdg.SolveOptions(**options))
     assert len({switch.name for switch in board}) == len(board)
     return {switch.name: switch.on for switch in board}

@@ -110,7 +110,11 @@ def test_quadratic_without_symmetry(comm):
     assert not over_budget("law without potential", result)
 
 
-@pytest.mark.parametrize("law", [FRICTION, SMOOTH, vmdg.Bonded()], ids=["mu", "smooth", "tie"])
+@pytest.mark.parametrize(
+    "law",
+    [FRICTION, pytest.param(SMOOTH, marks=pytest.mark.long), vmdg.Bonded()],
+    ids=["mu", "smooth", "tie"],
+)
 def test_solvers_agree(comm, law):
     """Direct, lagged factors, multigrid and fallback end at the same displacement.
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from support.plastic import CONES, DT, ELASTIC, TENSORS, E, after, kirchhoff
-from support.scenes import LEFT, RIGHT, two_blocks
+from support.scenes import LEFT, RIGHT, pairs, two_blocks
 
 import vmdg
 
@@ -112,10 +112,12 @@ def free(material, strain, unknown, steps=40):
     return np.diag(answer.stress[0]), answer.state[0]
 
 
-@pytest.mark.parametrize("dilatancy", [None, 10.0, 0.0])
-@pytest.mark.parametrize("hardening", [0.0, 40.0])
-@pytest.mark.parametrize("fit", ["compression", "tension", "plane strain"])
-@pytest.mark.parametrize("sign", [1, -1])
+@pairs(
+    dilatancy=(None, 10.0, 0.0),
+    fit=("compression", "tension", "plane strain"),
+    hardening=(0.0, 40.0),
+    sign=(1, -1),
+)
 def test_uniaxial_stress(dilatancy, hardening, fit, sign):
     """3 xi c/(sqrt(3) +- eta); at the edge of the fit that of Mohr and Coulomb."""
     material = vmdg.DruckerPrager(

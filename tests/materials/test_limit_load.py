@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dolfinx.mesh import CellType, GhostMode, create_rectangle
-from support.scenes import tag_cells
+from support.scenes import box
 
 import vmdg
 
@@ -19,15 +18,13 @@ def limit_load(comm, n, degree, volumetric):
 
     A tie lies across the slip lines.
     """
-    size, divisions = [np.zeros(2), np.ones(2)], [3 * n, 2 * n]
-    mesh = create_rectangle(
-        comm, size, divisions, CellType.quadrilateral, ghost_mode=GhostMode.shared_facet
+    mesh, tags = box(
+        comm, [np.zeros(2), np.ones(2)], [3 * n, 2 * n], lambda x: 1 + (x[1] ** 2 > 1 / 4)
     )
     x = mesh.geometry.x
     s = 3 * x[:, 0] - 1
     x[:, 0] = np.where(s < 0, 1 - s**2, 1 + (WIDTH - 1) * (s / 2) ** 2)
     x[:, 1] = -DEPTH * x[:, 1] ** 2
-    tags = tag_cells(mesh, {1: lambda x: x[1] > -DEPTH / 4, 2: lambda x: x[1] < -DEPTH / 4})
     metal = vmdg.J2(1000.0, 0.3, YIELD)
     tie = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
     problem = vmdg.Problem(

@@ -27,7 +27,6 @@ pytest.importorskip("h5py")
 
 #: What the blocks are: area or volume by group, and place of the facets by group.
 BODIES, PLACES = {"left": 1.0, "right": 2.0}, {"join": 1.0, "end": 0.0}
-TAGS = {"left": 1, "right": 2}
 
 
 @dataclass
@@ -90,8 +89,6 @@ BY_TAG = {"bodies": {1: 1.0, 2: 2.0}, "places": {1: 1.0, 2: 0.0}}
 
 
 def changed(write: Callable, *changes: tuple[str, str]) -> Callable:
-    """The same file with other words in it."""
-
     def write_changed(path: Path) -> None:
         write(path)
         text = path.read_text()
@@ -119,7 +116,6 @@ def cut(write: Callable, share: float, of: str | None = None) -> Callable:
 
 
 def text(words: str) -> Callable:
-    """A file of these words."""
     return lambda path: path.write_text(words)
 
 
@@ -127,15 +123,12 @@ def text(words: str) -> Callable:
 
 
 def in_parts(ghosts: bool = False, split: bool = False) -> None:
-    """Partition the present model of gmsh."""
     gmsh.option.setNumber("Mesh.PartitionCreateGhostCells", ghosts)
     gmsh.option.setNumber("Mesh.PartitionSplitMeshFiles", split)
     gmsh.model.mesh.partition(3)
 
 
 def a_part(version: float) -> Callable:
-    """One of the files of a mesh that was split."""
-
     def write(path: Path) -> None:
         foreign.of_gmsh(path, lambda: in_parts(split=True), version)
         path.with_name(f"{path.stem}_1.msh").rename(path)
@@ -203,13 +196,10 @@ def in_negative_groups() -> None:
 
 
 def two_groups() -> None:
-    """The left block is in another group too."""
     gmsh.model.addPhysicalGroup(2, [1, 2], 7, "all")
 
 
 def rotated(*angles: tuple[int, float]) -> Callable:
-    """The blocks turned about axes through the origin."""
-
     def turn() -> None:
         for axis, angle in angles:
             c, s, rotation = np.cos(angle), np.sin(angle), np.eye(3)
@@ -222,7 +212,6 @@ def rotated(*angles: tuple[int, float]) -> Callable:
 
 
 def on_a_roof(path: Path) -> None:
-    """The right block goes up."""
     points = POINTS + np.outer(POINTS[:, 0] > 1, [0, 0, 1])
     foreign.neper(path, points, (2, CELLS))
 
@@ -290,12 +279,10 @@ for version in (2.2, 4.1):
         lambda path, v=version: foreign.of_gmsh(path, in_negative_groups, v),
         given={"groups": ["left", "right", "join", "end"]},
     )
-for degree in (1, 2):
-    for bodies in (1, 2):
-        for recombined in (False, True):
-            GMSH[f"gmsh degree {degree}, {bodies} turned{', recombined' * recombined}"] = Read(
-                turned(degree, bodies, recombined)
-            )
+for degree, bodies, recombined in ((1, 1, False), (1, 2, True), (2, 1, True), (2, 2, False)):
+    GMSH[f"gmsh degree {degree}, {bodies} turned{', recombined' * recombined}"] = Read(
+        turned(degree, bodies, recombined)
+    )
 GMSH |= {
     "gmsh, corners of a triangle turned": Refused(
         with_corners_turned(False), "Triangle 6 do not have their nodes in the order of gmsh"
@@ -421,8 +408,6 @@ def of_dolfinx(facets: bool = True) -> Callable:
 
 
 def tetrahedra(order: int, first_tag: int, dtype: type = np.float64) -> Callable:
-    """The blocks in space with their numbers."""
-
     def write(path: Path) -> None:
         points, cells, _ = foreign.solid()
         if order == 2:
@@ -439,7 +424,6 @@ def tetrahedra(order: int, first_tag: int, dtype: type = np.float64) -> Callable
 
 
 def two_data(path: Path) -> None:
-    """Cells with two integer data."""
     data = {"material": [np.array([1, 1, 2, 2])], "part": [np.array([4, 4, 4, 4])]}
     cells = [("triangle", CELLS["left"] + CELLS["right"])]
     meshio.write(path, meshio.Mesh(POINTS[:, :2], cells, cell_data=data))
@@ -543,12 +527,10 @@ _JOIN_S2, S2
 
 
 def inp(kind: str = "CPE3", more: str = SURFACES, cells: dict = CELLS) -> Callable:
-    """The blocks in the plane."""
     return lambda path: path.write_text(foreign.abaqus(kind, POINTS, cells, more))
 
 
 def inp_cohesive(path: Path) -> None:
-    """With cohesive elements between."""
     points, cells, _, flat = foreign.apart(*foreign.solid())
     path.write_text(foreign.abaqus("C3D4", points, cells | flat))
 
@@ -753,12 +735,10 @@ ALL = GMSH | PLANES | XDMF | NEPER | ABAQUS | OTHERS
 
 @pytest.fixture(scope="module")
 def folder(comm, tmp_path_factory) -> Path:
-    """One folder for all ranks."""
     return Path(comm.bcast(str(tmp_path_factory.mktemp("foreign"))))
 
 
 def written(comm, folder: Path, case: Read | Refused) -> Path:
-    """The file of a case."""
     name = next(n for n, other in ALL.items() if other is case)
     path = folder / f"{''.join(c if c.isalnum() else '_' for c in name)}.{case.ending}"
     if getattr(case.write, "collective", False):
@@ -770,7 +750,6 @@ def written(comm, folder: Path, case: Read | Refused) -> Path:
 
 
 def measures(tagged, groups) -> dict:
-    """Area or volume of groups of cells."""
     mesh, cells, _ = tagged
     one = fem.Constant(mesh, 1.0)
     found = {}

@@ -21,7 +21,6 @@ LAW = vmdg.Debonding(strength=60.0, critical_gap=0.2)
 
 @pytest.fixture(scope="module")
 def folder(comm, tmp_path_factory) -> Path:
-    """One folder for all ranks."""
     return Path(comm.bcast(str(tmp_path_factory.mktemp("meshes"))))
 
 
@@ -36,7 +35,6 @@ def pulled(tagged) -> tuple[vmdg.Problem, np.ndarray]:
 
 
 def write_msh(comm, path: Path, cell: str) -> None:
-    """The blocks as a file of gmsh."""
     if comm.rank == 0:
         with gmsh_model.model("blocks") as model:
             build_blocks(model, cell, (3, 3, 3), 2.0, 1.0, 1.0, (1.0, 1.0))
@@ -95,7 +93,6 @@ def two_squares(model, *groups: int) -> None:
 
 
 def triangles_and_quadrilaterals(model) -> int:
-    """One square of each."""
     two_squares(model, 1, 2)
     model.mesh.setTransfiniteSurface(1)
     model.mesh.setRecombine(2, 1)
@@ -103,7 +100,6 @@ def triangles_and_quadrilaterals(model) -> int:
 
 
 def prisms(model) -> int:
-    """A cube of extruded triangles."""
     square = model.occ.addRectangle(0, 0, 0, 1, 1)
     model.occ.extrude([(2, square)], 0, 0, 1, [2], recombine=True)
     model.occ.synchronize()

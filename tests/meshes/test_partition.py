@@ -18,7 +18,6 @@ WEIGHT = 6
 
 
 def cylinder(comm, weight: int | None) -> meshes.TaggedMesh:
-    """A coarse quarter of fibre and matrix."""
     return meshes.pushout(
         comm, layers=8, around=6, fibre_rings=2, hole_rings=1, matrix_rings=8,
         interface_weight=weight,

@@ -72,7 +72,6 @@ def test_tags_from_zero(comm):
 
 
 def refused(tagged, facets, **options):
-    """What is said."""
     with pytest.raises(ValueError) as caught:
         with_wall(tagged, facets, **options)
     return str(caught.value)
