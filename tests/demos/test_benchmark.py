@@ -80,7 +80,7 @@ def test_cracked_plate():
     assert run.history["damage"][-1] == pytest.approx(peers.P1.work)
     assert np.abs(run.history["imbalance"]).max() < 5e-3 * peers.P1.work
     assert not over_budget("cracked plate", run)
-    assert run.counts.condensed >= run.history["iterations"].sum()
+    assert run.counts.solves >= len(run.history)
 
 
 def test_two_inclusions(out):
