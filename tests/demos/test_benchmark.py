@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import two_inclusions
 import two_inclusions as inclusions
-from parts.benchmark import peers, precision
+from parts.benchmark import peers
 from parts.benchmark.common import layers
 from support.budgets import over_budget
 
@@ -33,15 +33,6 @@ def test_errors_are_those_of_plain_elements(out):
         if method == "springs":
             assert point.h1 > 0.95 * plain.h1, point
     assert (out / "precision.png").stat().st_size > 10_000
-
-
-def test_springs_saturate():
-    """Their error has a floor, T/K over the size of the solution, that no mesh reduces."""
-    coarse, fine = (precision.measure("quadrilateral", 2, n, 1) for n in (4, 16))
-    errors = {p.method: (p.l2, q.l2) for p, q in zip(coarse, fine, strict=True)}
-    for method in ("plain", "vmdg"):
-        assert errors[method][1] < errors[method][0] / 40
-    assert errors["springs"][1] > errors["springs"][0] / 2
 
 
 def test_iterations_have_equal_parts(out):

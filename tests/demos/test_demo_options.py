@@ -42,17 +42,6 @@ def test_help(comm, capsys, name):
             assert UNIT.search(text), f"{option} of {name} has no unit"
 
 
-@pytest.mark.parametrize("name", STUDIES)
-def test_defaults_are_those_of_main(name):
-    """No option: main gets what its signature says. All studies have a folder."""
-    main = import_module(name).main
-    defaults = {k: v.default for k, v in inspect.signature(main).parameters.items()}
-    found = vars(parser(main).parse_args([]))
-    assert {k: v or None for k, v in found.items()} == {k: v or None for k, v in defaults.items()}
-    assert defaults["out"] == f"results/{name}"
-    assert parser(main).parse_args(["--out", "x"]).out == "x"
-
-
 def scene(
     words: list[str] | None = None,
     size: float = 0.5,
@@ -101,16 +90,6 @@ def test_wrong_options(comm, capsys, wrong):
     assert bool(capsys.readouterr().err) == (comm.rank == 0)
 
 
-def test_undescribed():
-    """An argument that the docstring forgets."""
-
-    def main(size: float = 1.0) -> None:
-        """Nothing."""
-
-    with pytest.raises(ValueError, match="does not describe 'size'"):
-        parser(main)
-
-
 def test_unknown_part_of_the_benchmark(out):
     """The parts that exist are named."""
     import benchmark
@@ -119,24 +98,3 @@ def test_unknown_part_of_the_benchmark(out):
         ValueError, match=r"no part is called speed; they are precision, intact, ratio"
     ):
         benchmark.main(["speed"], out=str(out))
-
-
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("patch_shear", {}),
-        ("two_inclusions", {"element_size": 0.2, "steps": 2}),
-    ],
-)
-def test_without_pictures(comm, out, monkeypatch, name, options):
-    """Without --plot nothing is drawn, and the run says the rest."""
-
-    def draws(*_: object, **__: object) -> None:
-        raise AssertionError("a picture is drawn")
-
-    for function in ("figure", "subplots", "subplot_mosaic"):
-        monkeypatch.setattr(f"matplotlib.pyplot.{function}", draws)
-    import_module(name).main(**options, plot=False, out=str(out))
-    comm.barrier()
-    assert not list(out.glob("**/*.png"))
-    assert list(out.iterdir())

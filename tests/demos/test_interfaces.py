@@ -61,15 +61,3 @@ def test_lost_work_is_found(contact):
         energy = replace(last.energy, **{name: 2 * getattr(last.energy, name)})
         wrong = replace(run, records=[*run.records[:-1], replace(last, energy=energy)])
         assert any(what in text for text in judges.own_faults(scene, wrong)), name
-
-
-def test_a_mesh_that_does_not_settle(contact):
-    """Forces that change the more the finer the mesh is."""
-    scene, run = contact
-    here = judges.Told.of(run, scene, View())
-
-    def diverges(scene, view):
-        return replace(here, forces=here.forces * 2.0**view.level**1.5)
-
-    assert not judges.settles(scene, here)[0]
-    assert "finer" in judges.settles(scene, here, diverges)[0]

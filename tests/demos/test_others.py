@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 from mpi4py import MPI
 
@@ -34,28 +33,10 @@ def test_refused_without_packages(offline, out):
     assert not list(out.rglob("complete")) and not (out / "others.md").exists()
 
 
-@one_rank
-def test_refused_without_python(offline, out):
-    """No Python of a version that has wheels, or not the one that is named."""
-    with pytest.raises(RuntimeError, match="no Python /nowhere/python: name another one by --pyth"):
-        others.main(python="/nowhere/python", out=str(out))
-    with pytest.raises(RuntimeError, match=r"3\.98 to 3\.99, and none of them is found.*--python"):
-        cases.find_python((99, 98))
-
-
 @pytest.mark.skipif(SERIAL, reason="refused on several ranks")
 def test_refused_on_several_ranks():
     with pytest.raises(RuntimeError, match="leave -n out"):
         others.main(alone=True)
-
-
-@one_rank
-def test_why_a_code_has_no_numbers():
-    """The last words of its process stand in the table."""
-    options = {"opening": cases.OPENING, "finite": False}
-    line = cases.theirs(peers.P1, "small", "fedoo, intrinsic", options, 1, Path(sys.executable))
-    assert line.found == "ModuleNotFoundError: No module named 'fedoo'"
-    assert len(line.cells()) == len(others.HEAD)
 
 
 @one_rank

@@ -6,79 +6,12 @@ import numpy as np
 import pushout as demo
 import pushout_parameters as pushouts
 import pytest
-import ufl
 from dolfinx import fem
-from support.checks import integral
 
 import vmdg
 from vmdg import Mode
-from vmdg.meshes import pushout
-from vmdg.meshes.pushout import (
-    FIBRE,
-    FIBRE_BOTTOM,
-    FIBRE_TOP,
-    HOLE,
-    INTERFACE,
-    MATRIX,
-    MATRIX_TOP,
-    OUTER,
-    SUPPORT,
-    SYMMETRY_X,
-    SYMMETRY_Y,
-    layer_tops,
-)
 
 R_F, R_S, R_M, H = 0.95, 1.025, 4.3, 5.36
-COARSE = {"layers": 6, "around": 6, "fibre_rings": 2, "hole_rings": 1, "matrix_rings": 5}
-
-
-def test_mesh(comm):
-    """Areas of a polygon with 24 corners, numbers of cells and facets, on any number of ranks."""
-    mesh, cells, facets = pushout(comm, **COARSE)
-    count = mesh.topology.index_map(3).size_local
-    found = [comm.allreduce(int((cells.find(tag) < count).sum())) for tag in (FIBRE, MATRIX)]
-    assert found == [6 * (9 + 12), 6 * 6 * 6]
-    polygon = 6 * np.sin(np.pi / 12)  # quarter of a polygon of 24 corners, radius 1
-    side = 12 * np.sin(np.pi / 24) * H  # quarter of its prism
-    exact = {
-        FIBRE_TOP: polygon / 2 * R_F**2,
-        FIBRE_BOTTOM: polygon / 2 * R_F**2,
-        MATRIX_TOP: polygon / 2 * (R_M**2 - R_F**2),
-        HOLE: polygon / 2 * (R_S**2 - R_F**2),
-        SUPPORT: polygon / 2 * (R_M**2 - R_S**2),
-        OUTER: side * R_M,
-        SYMMETRY_X: R_M * H,
-        SYMMETRY_Y: R_M * H,
-        INTERFACE: side * R_F,
-    }
-    for tag, area in exact.items():
-        kind = "dS" if tag == INTERFACE else "ds"
-        measure = ufl.Measure(kind, mesh, subdomain_data=facets, subdomain_id=tag)
-        form = fem.Constant(mesh, 1.0) * measure
-        assert integral(comm, form) == pytest.approx(area, rel=1e-9), tag
-
-
-def test_layers():
-    """Graded layers are symmetric, fill the height, and the middle one is the highest."""
-    sizes = np.diff([0.0, *layer_tops(7, 3.0)])
-    assert sizes.sum() == pytest.approx(1)
-    assert sizes == pytest.approx(sizes[::-1])
-    assert sizes[3] / sizes[0] == pytest.approx(3)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"hole_radius": 0.9}, "must increase from 0"),
-        ({"around": 5}, "even"),
-        ({"layers": 0}, "positive"),
-        ({"grading": 0.0}, "positive"),
-    ],
-)
-def test_mesh_errors(comm, options, message):
-    """Radii out of order, counts that make no mesh."""
-    with pytest.raises(ValueError, match=message):
-        pushout(comm, **(COARSE | options))
 
 
 def test_section_to_the_end(comm, out):
@@ -135,17 +68,6 @@ def test_solid_against_section(comm):
         history = vmdg.solve(model.problem, [1.01, 1.02, 1.03], monitor=model.measures).history
         forces.append(history["force"])
     assert forces[0] == pytest.approx(forces[1], rel=0.02)
-
-
-def test_resume(comm, out):
-    """A run that ends half way and goes on from its checkpoint gives the curve of one run."""
-    settings = {"refine": 0.4}
-    whole = demo.main(steps=6, end=0.018, out=str(out / "whole"), **settings)
-    demo.main(steps=4, end=0.012, out=str(out / "parts"), **settings)
-    parts = demo.main(steps=6, end=0.018, resume=True, out=str(out / "parts"), **settings)
-    assert len(parts) == 6
-    for name in ("punch", "force", "debonded"):
-        assert parts[name] == pytest.approx(whole[name], rel=1e-8, abs=1e-8)
 
 
 def test_studies(comm, out, capsys):

@@ -2,66 +2,11 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
-import pytest
 import tearing as demo
-import ufl
-from dolfinx import fem
-from dolfinx.mesh import compute_midpoints
 from support.budgets import over_budget
-from support.checks import integral
-
-import vmdg
-from vmdg.domain.topology import facet_cells
-from vmdg.meshes import tearing
 
 WIDTH, PRECRACK = 1.62, 0.405
-
-
-def count(mesh, dim: int, entities) -> int:
-    """Owned ones of local entities, over all ranks."""
-    owned = mesh.topology.index_map(dim).size_local
-    return mesh.comm.allreduce(int((np.asarray(entities) < owned).sum()))
-
-
-@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
-def test_plates(comm, cell):
-    """Areas and tags of both plates; the sizes are parameters."""
-    mesh, cells, facets = tearing(comm, cell, 2.0, 1.0, 0.5, (8, 4, 2), 0.5)
-    split = 2 if cell == "triangle" else 1
-    dx = ufl.Measure("dx", domain=mesh, subdomain_data=cells)
-    one = fem.Constant(mesh, 1.0)
-    areas = [integral(comm, one * dx(tag)) for tag in (1, 2)]
-    assert np.allclose(areas, [2.0, 1.0])
-    assert [count(mesh, 2, cells.find(tag)) for tag in (1, 2)] == [32 * split, 16 * split]
-    numbers = [count(mesh, 1, facets.find(tag)) for tag in range(1, 8)]
-    assert numbers == [8, 8, 6, 2, 2, 6, 6]
-
-
-def test_slit_is_open(comm):
-    """Lips are boundary; the bond starts at the tip, whose two sides are nodes of their own."""
-    mesh, cells, facets = tearing(comm, divisions=(24, 20, 10))
-    lips = np.concatenate([facets.find(4), facets.find(5)])
-    assert (facet_cells(mesh)[lips, 1] == -1).all()
-    x = compute_midpoints(mesh, 1, facets.find(3))
-    assert comm.allreduce(x[:, 0].min(initial=9.0), op=MPI.MIN) > PRECRACK
-    materials = {1: vmdg.NeoHookean(E=4000.0, nu=0.44), 2: vmdg.NeoHookean(E=16000.0, nu=0.44)}
-    bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(strength=200.0, critical_gap=0.2))
-    problem = vmdg.Problem(mesh, cells, materials, [bond])
-    assert comm.allreduce(len(problem.state[0].weights)) == 2 * 18
-    length = comm.allreduce(problem.state[0].weights.sum())
-    assert np.isclose(length, WIDTH - PRECRACK)
-    # 25 x 21 nodes below and 25 x 11 above.
-    assert problem.space.dofmap.index_map.size_global == 25 * 21 + 25 * 11
-
-
-@pytest.mark.parametrize("wrong", [{"cell": "hexahedron"}, {"precrack": 0.0}, {"precrack": 1.62}])
-def test_wrong_arguments(comm, wrong):
-    """Arguments that cannot work are named."""
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        tearing(comm, **wrong)
 
 
 def test_neo_hookean(comm, out):

@@ -8,10 +8,8 @@ import pytest
 import verification
 from parts.delamination import beams as delamination
 from parts.delamination.laminate import ALFANO_CRISFIELD
-from parts.verification import checks, partial_slip
+from parts.verification import partial_slip
 from support.budgets import over_budget
-
-from vmdg.meshes import beams, core_and_ring
 
 
 def test_closed_forms(comm, out):
@@ -66,21 +64,6 @@ def test_partial_slip_is_elastic_equilibrium():
     np.testing.assert_allclose(-stress, model.pressure(X), atol=0.02)
 
 
-def test_partial_slip_converges():
-    """The end of the slip zone to a facet; fields converge although their end has a kink."""
-    coarse, fine = (partial_slip.partial_slip(h, steps=5) for h in (0.25, 0.125))
-    assert fine[0].error < 0.125 / 1.27
-    assert fine[1].error < coarse[1].error
-    assert fine[2].error < coarse[2].error
-
-
-def test_pointwise_tractions_converge():
-    """Goodier's tractions in the maximum norm: halving h divides the error by three or more."""
-    coarse, fine = (checks.goodier(h) for h in (0.1, 0.05))
-    for before, after in zip(coarse, fine, strict=True):
-        assert after.error < before.error / 3
-
-
 def test_theory_of_the_cantilever():
     """Numbers of the literature: 68.9 N by beam theory, 63.2 N at 1.94 mm corrected (1% here for
     the plane strain modulus)."""
@@ -113,31 +96,3 @@ def test_end_notched_flexure():
         for side in ("computed", "exact")
     )
     assert ratio - 1 == pytest.approx(exact - 1, rel=0.02)
-
-
-@pytest.mark.parametrize(("contact", "slit", "touching"), [(None, 8, 0), (1.0, 4, 2), (2.0, 0, 4)])
-@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
-def test_mesh_of_beams(comm, cell, contact, slit, touching):
-    """The parts of the crack have tags; a slit has twice the facets, one for each lip."""
-    tagged = beams(comm, cell, (0.0, 1.0, 2.0, 5.0), (2, 2, 6), 1.0, 2, 2.0, contact)
-    tags = tagged.facet_tags
-    own = tagged.mesh.topology.index_map(1).size_local
-
-    def count(tag):
-        return comm.allreduce(int((tags.find(tag) < own).sum()))
-
-    assert [count(tag) for tag in range(1, 9)] == [2, 2, 4, 10, 10, 6, slit, touching]
-
-
-def test_errors_of_the_meshes(comm):
-    """Refused with the name of what is wrong."""
-    with pytest.raises(ValueError, match="cell = 'hexahedron'"):
-        beams(comm, "hexahedron")
-    with pytest.raises(ValueError, match="stations must ascend"):
-        beams(comm, stations=(0.0, 30.0, 20.0))
-    with pytest.raises(ValueError, match="precrack = 31"):
-        beams(comm, precrack=31.0)
-    with pytest.raises(ValueError, match="contact = 60"):
-        beams(comm, stations=(0.0, 30.0, 60.0, 100.0), divisions=(3, 3, 4), contact=60.0)
-    with pytest.raises(ValueError, match="radius = 3"):
-        core_and_ring(comm, radius=3.0)
