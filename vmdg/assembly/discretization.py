@@ -26,9 +26,11 @@ from ..forms.geometry import GeneralizedPlane
 from ..forms.kinematics import Body
 from ..interface.active import (
     ActiveInterface,
+    compile_kernels,
     interface_energy,
     interface_flux,
     recoverable_energy,
+    take_fluid,
     update_points,
 )
 from ..interface.moving import MovingInterface
@@ -150,7 +152,7 @@ class Discretization:
         """The active interface of this number, with a fluid between its faces."""
         active = self.active[number]
         if active.fluid is None:
-            active.take_fluid()
+            take_fluid(active)
         return active
 
     @property
@@ -188,7 +190,7 @@ class Discretization:
         if self._axial:
             _ = self._axial_residual
         for active, on_facets in zip(self.active.values(), self.weak_form.on_facets, strict=True):
-            active.compile(residual=on_facets is None)
+            compile_kernels(active, residual=on_facets is None)
 
     @cached_property
     def _bulk_residual(self) -> fem.Form:

@@ -114,12 +114,6 @@ class ActiveInterface:
         self.terms = PointResidual(*given, self.interface.traction_jump, pressure)
         self.__dict__.pop("point_tangent", None)
 
-    def take_fluid(self) -> None:
-        """Add a fluid between the crack faces, at zero pressure."""
-        assert not self.facets.slides
-        self.fluid = Fluid(self.quadrature, self._u, self._bodies)
-        self._make_evaluators()
-
     # At the current displacement
 
     def apply(self, stabilization: Stabilization) -> float:
@@ -303,13 +297,6 @@ class ActiveInterface:
     def take(self, values: PointValues) -> None:
         """Store the result of a return map at the points, of which the residual is made."""
         self.values = values
-
-    def compile(self, residual: bool) -> None:
-        """Compile the kernels of the tangent now, and those of the residual if it is a sum over
-        points; collective."""
-        _ = self.point_tangent
-        if residual:
-            self.terms.compile()
 
     @cached_property
     def point_tangent(self) -> PointTangent:
@@ -509,6 +496,21 @@ def lets_go(active: ActiveInterface) -> bool:
     push them."""
     bare = active.fluid is None and not active.interface.traction_jump
     return bare and active.interface.law.inelastic
+
+
+def take_fluid(active: ActiveInterface) -> None:
+    """Add a fluid between the crack faces, at zero pressure."""
+    assert not active.facets.slides
+    active.fluid = Fluid(active.quadrature, active._u, active._bodies)
+    active._make_evaluators()
+
+
+def compile_kernels(active: ActiveInterface, residual: bool) -> None:
+    """Compile the kernels of the tangent now, and those of the residual if it is a sum over points;
+    collective."""
+    _ = active.point_tangent
+    if residual:
+        active.terms.compile()
 
 
 def take_in(active: ActiveInterface) -> None:
