@@ -382,7 +382,9 @@ def pulled_apart(where, cell: str):
     return problem, vmdg.solve(problem, np.linspace(0.05, 1.0, 20), options), right
 
 
-@BRICKS
+@pytest.mark.parametrize(
+    "cell", ["quadrilateral", pytest.param("hexahedron", marks=pytest.mark.long)]
+)
 def test_debonding_on_any_number_of_ranks(comm, cell):
     """The bond breaks, its energy is the law's, and the partition changes nothing."""
     seen = []

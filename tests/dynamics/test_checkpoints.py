@@ -43,7 +43,7 @@ CONTACT = vmdg.Contact(0.5, dynamic_friction=0.2, slip_distance=0.01)
     ("scheme", "law"),
     [
         (vmdg.GeneralizedAlpha(), BOND),
-        (vmdg.GeneralizedAlpha(tolerance=1e-3), BOND),
+        pytest.param(vmdg.GeneralizedAlpha(tolerance=1e-3), BOND, marks=pytest.mark.long),
         (vmdg.CentralDifferences(renewal=7), BOND),
         (vmdg.CentralDifferences(renewal=7), CONTACT),
     ],

@@ -189,7 +189,11 @@ def curve(comm, scheme, drive, **options):
     return np.array([history[name] for name in COLUMNS] + energies)
 
 
-@pytest.mark.parametrize(("scheme", "drive"), DRIVES, ids=["implicit", "explicit"])
+@pytest.mark.parametrize(
+    ("scheme", "drive"),
+    [pytest.param(*DRIVES[0], marks=pytest.mark.long), DRIVES[1]],
+    ids=["implicit", "explicit"],
+)
 def test_shifted_and_tiled_cells(comm, scheme, drive):
     """Where the cell begins, how many are taken and on how many ranks does not matter."""
     expected = curve(comm, scheme, drive)

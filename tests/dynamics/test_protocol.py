@@ -44,7 +44,11 @@ def fail_in(problem, call, error):
     problem.step.assemble_residual = residual
 
 
-@EVERY_SCHEME
+@pytest.mark.parametrize(
+    "scheme",
+    [SCHEMES[0], pytest.param(SCHEMES[1], marks=pytest.mark.long)],
+    ids=["implicit", "explicit"],
+)
 def test_exceptions_anywhere(comm, scheme):
     """Ctrl-C twice, or any error within a step: the state is that of the last row, and the run goes
     on from there as if nothing had happened."""

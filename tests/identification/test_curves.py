@@ -11,7 +11,6 @@ NAME = "bond.strength"
 
 
 def history(x, y, dx=0.0, dy=0.0) -> vmdg.History:
-    """Rows of a run."""
     found = vmdg.History()
     for row in zip(x, y, *np.broadcast_arrays(dx, dy, x)[:2], strict=True):
         names = ("opening", "force", f"d opening/d {NAME}", f"d force/d {NAME}")
@@ -20,7 +19,6 @@ def history(x, y, dx=0.0, dy=0.0) -> vmdg.History:
 
 
 def curve(x) -> vmdg.Curve:
-    """A measurement at these openings."""
     return vmdg.Curve(x, np.zeros(len(x)), along="opening")
 
 

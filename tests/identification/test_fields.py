@@ -20,7 +20,6 @@ NOISE = 2e-4
 
 
 def beam(values: dict[str, float]) -> tuple[vmdg.Problem, Callable]:
-    """A short double cantilever beam and its force."""
     stations, divisions = (0.0, 10.0, CRACK, 18.0, 30.0), (4, 3, 9, 5)
     mesh, cells, sides = beams(
         stations=stations, divisions=divisions, height=HEIGHT, rows=2, precrack=CRACK

@@ -49,7 +49,6 @@ def pulled(
 
 
 def forces(values: dict[str, float] = BOND, **options) -> np.ndarray:
-    """Measured without noise."""
     problem, monitor = pulled(values, **options)
     history = vmdg.solve(problem, OPENINGS, monitor=monitor).history
     return history["force"][[np.abs(history["load"] - t).argmin() for t in OPENINGS]]
@@ -142,7 +141,6 @@ def test_refused_values():
 
 
 def softer(values: dict[str, float]) -> tuple[vmdg.Problem, Callable]:
-    """The model with bodies that are too soft."""
     return pulled(values, E=700.0)
 
 

@@ -67,7 +67,7 @@ def run(problem: vmdg.Problem, loads=(0.5, 1.0, 2.0, 2.5, 3.0, 3.5, 4.0), **opti
     return vmdg.solve(problem, list(loads), chosen, forces).history
 
 
-@pytest.mark.parametrize("unloading", ["plastic", "secant"])
+@pytest.mark.parametrize("unloading", [pytest.param("plastic", marks=pytest.mark.long), "secant"])
 def test_crack_that_is_there_already_is_contact(comm, unloading):
     """Equal to a crack with Contact(), opened, closed, pressed and rubbed.
 

@@ -126,7 +126,9 @@ def held_traction(law, traction, cycles, steps):
     return lasted
 
 
-@pytest.mark.parametrize(("criterion", "exponent"), CRITERIA[:2])
+@pytest.mark.parametrize(
+    ("criterion", "exponent"), [CRITERIA[0], pytest.param(*CRITERIA[1], marks=pytest.mark.long)]
+)
 def test_line_of_lives(criterion, exponent):
     """N = gamma (E/p)^beta (1 - p^(beta + 1)) for opening, shear and between; first order."""
     law = fatigue(criterion, exponent, ratio=0.3)

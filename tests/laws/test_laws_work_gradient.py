@@ -60,7 +60,13 @@ def mapped(law, state, cycles):
     return law.return_map(*state, 1.0, *((cycles,) if law.fatigues else ()))
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.long] * (name in ("fatigue", "fatigue power")))
+        for name in LAWS
+    ],
+)
 @settings(max_examples=6, deadline=None, derandomize=True)
 @given(**cases)
 def test_is_the_derivative_of_the_damage_work(name, d, seed, ratio, mu, nu):

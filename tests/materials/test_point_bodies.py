@@ -186,8 +186,8 @@ def test_unsymmetric_tangent_in_space(comm, cell):
 @pytest.mark.parametrize(
     ("cell", "options", "kinematics"),
     [
-        ("hexahedron", {"degree": 2}, "small"),
-        ("tetrahedron", {"degree": 2}, "finite"),
+        pytest.param("hexahedron", {"degree": 2}, "small", marks=pytest.mark.long),
+        pytest.param("tetrahedron", {"degree": 2}, "finite", marks=pytest.mark.long),
         ("hexahedron", {"volumetric": "mean"}, "finite"),
         ("triangle", {"plane": "stress"}, "small"),
         ("quadrilateral", {"plane": "stress", "degree": 2}, "finite"),

@@ -38,10 +38,7 @@ LAWS: dict[str, tuple[Callable, dict]] = {
         vmdg.IntrinsicExponential,
         {"strength": 50.0, "fracture_energy": 4.0, "shear_weight": 2.0},
     ),
-    "BK": (
-        partial(vmdg.MixedModeDebonding, criterion="BK"),
-        MIXED | {"exponent": 2.0} | RUBS,
-    ),
+    "BK": (partial(vmdg.MixedModeDebonding, criterion="BK"), MIXED | {"exponent": 2.0} | RUBS),
     "power secant": (
         partial(vmdg.MixedModeDebonding, criterion="power", unloading="secant"),
         MIXED | {"exponent": 1.5} | RUBS,
@@ -114,7 +111,6 @@ def solved(
     names: Sequence[str] | Mapping | None = None,
     **options,
 ) -> vmdg.History:
-    """The history of a run."""
     problem, monitor = build(values)
     options = vmdg.SolveOptions(relative_tolerance=1e-12, **options)
     return vmdg.solve(problem, LOADS, options, monitor, derivatives=names).history
@@ -146,8 +142,13 @@ def worst(build: Callable, values: Mapping[str, float], **options) -> float:
     return found
 
 
-@pytest.mark.parametrize("move", ["pressed", "both"])
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    ("name", "move"),
+    [
+        pytest.param(name, move, marks=[pytest.mark.long] * (name not in ("viscous", "BK")))
+        for name, move in zip(LAWS, 5 * ("pressed", "both"), strict=True)
+    ],
+)
 def test_laws(comm, name, move):
     """Every parameter of every law, pressed together, and opened, rubbed and opened again."""
     law, given = LAWS[name]
@@ -181,8 +182,7 @@ def test_scenes(comm, scene):
     assert worst(partial(blocks_of, comm, **SCENES[scene]), BASE) < 1e-6
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
-@pytest.mark.parametrize("energy", [False, True])
+@pytest.mark.parametrize(("kinematics", "energy"), [("small", True), ("finite", False)])
 def test_eigenstrain(comm, kinematics, energy):
     """A factor on the eigenstrain of a group, given by its value."""
 
@@ -195,7 +195,7 @@ def test_eigenstrain(comm, kinematics, energy):
 
 
 @pytest.mark.filterwarnings("ignore:the body of tag 2 carries a load")
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("kinematics", ["finite", pytest.param("small", marks=pytest.mark.long)])
 def test_relative_support(comm, kinematics):
     """A tool that grips a loaded body where it is: that place depends on the parameters too."""
 
@@ -215,7 +215,7 @@ def test_relative_support(comm, kinematics):
     assert worst(build, BASE) < 1e-6
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("kinematics", ["finite", pytest.param("small", marks=pytest.mark.long)])
 def test_contact_that_closes(comm, kinematics):
     """Facets that are left out while they are open, in strained cells, and rub once they close."""
 
@@ -230,7 +230,7 @@ def test_contact_that_closes(comm, kinematics):
     assert worst(build, values, control="load") < 1e-6
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("kinematics", ["finite", pytest.param("small", marks=pytest.mark.long)])
 def test_meshes_that_do_not_match(comm, kinematics):
     """Three facets on four."""
 
@@ -265,7 +265,7 @@ def test_systems(comm, petsc):
         assert worst(build, {"1.E": 5000.0} | BOND, petsc=petsc) < 1e-6
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("kinematics", ["small", pytest.param("finite", marks=pytest.mark.long)])
 def test_energies(comm, kinematics):
     """Energies too, over opening, closing and rubbing."""
     build = partial(blocks_of, comm, kinematics=kinematics, move="both")
@@ -288,7 +288,7 @@ def beam(comm: MPI.Comm, values: Mapping[str, float], kinematics: str) -> tuple:
     return problem, monitor
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("kinematics", ["small", pytest.param("finite", marks=pytest.mark.long)])
 def test_path(comm, kinematics):
     """Every row of a path with limit points and a step that was cut, against runs of neighbouring
     values that are led through the same rows: at load factors t + h dt/dp."""
@@ -321,7 +321,6 @@ def test_path(comm, kinematics):
 
 
 def led(problem, monitor, options, rows, name, end) -> dict[str, list[float]]:
-    """A run through these rows."""
     steps, found = Steps(problem, options), {"force": [], "softening": []}
     owned, last = problem.discretization.owned, rows[-1][0]
     problem.step.set_out()

@@ -32,7 +32,12 @@ def softened(name: str, gap: float, critical_gap: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("name", "kinematics"), [("exponential", "small"), ("BK", "small"), ("BK secant", "finite")]
+    ("name", "kinematics"),
+    [
+        pytest.param("exponential", "small", marks=pytest.mark.long),
+        ("BK", "small"),
+        ("BK secant", "finite"),
+    ],
 )
 def test_snap_back_is_traced(comm, name, kinematics):
     """By the work on bonds, every row on the curve, and what goes in is stored or spent."""
