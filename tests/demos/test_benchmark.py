@@ -19,6 +19,7 @@ from vmdg.base import kernels
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="measured on one rank")
 
 
+@pytest.mark.long
 def test_errors_are_those_of_plain_elements(out):
     """vmdg has the error of plain finite elements within 5%; springs are never much better."""
     points = benchmark.main(["precision"], coarse=True, repeats=1, out=str(out))["precision"]
@@ -35,6 +36,7 @@ def test_errors_are_those_of_plain_elements(out):
     assert (out / "precision.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_iterations_have_equal_parts(out):
     """Few more unknowns than plain elements; all points at work where the table says so."""
     for row in benchmark.main(["ratio"], coarse=True, repeats=1, out=str(out))["ratio"]:
@@ -42,6 +44,7 @@ def test_iterations_have_equal_parts(out):
         assert row.more["active"] == ("damage" in row.name), row.name
 
 
+@pytest.mark.long
 def test_explicit_steps_damage_every_point(out):
     """Every row of the table is measured; where a bond softens, it does at all points."""
     rows = benchmark.main(["explicit"], coarse=True, repeats=1, out=str(out))["explicit"]
@@ -51,6 +54,7 @@ def test_explicit_steps_damage_every_point(out):
         assert row.softening == (row.law == "softening"), row
 
 
+@pytest.mark.long
 def test_plastic_bodies_flow_in_their_iteration(out):
     """The same unknowns; every point flows, and a tie makes the tangent unsymmetric."""
     speeds, costs = benchmark.main(["plastic"], coarse=True, repeats=1, out=str(out))["plastic"]
@@ -63,6 +67,7 @@ def test_plastic_bodies_flow_in_their_iteration(out):
             assert (row.efforts[1] > 1.2 * row.efforts[0]) == ("tied" in row.name)
 
 
+@pytest.mark.long
 def test_separate_meshes_have_equal_sizes(out):
     """The same unknowns, and facets that meet several others."""
     costs = benchmark.main(["separate"], coarse=True, repeats=1, out=str(out))["separate"]
@@ -98,6 +103,7 @@ def test_two_inclusions(out):
     assert (out / "two_inclusions.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_attempt_that_backtracks_in_vain_ends():
     """Next to the snap the tangent is as good as singular, and no length of a correction helps."""
     problem, _ = inclusions.build(inclusions.LAWS["intrinsic"], 2, 0.05)

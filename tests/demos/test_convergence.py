@@ -25,6 +25,7 @@ def rows(comm, tmp_path_factory):
     return convergence.main(coarse=True, out=str(out)), out
 
 
+@pytest.mark.long
 def test_rates(rows):
     """L2 rate >= k + .9, H1 and interface traction >= k - .1 in every study."""
     for row in rows[0]:
@@ -32,6 +33,7 @@ def test_rates(rows):
             assert row.rates[norm] >= target, (row.study, norm, row.rates)
 
 
+@pytest.mark.long
 def test_straight_cells_along_a_curve(comm):
     """They limit degree 2 to order 2 in L2 and order 1 of the traction; degree 1 loses nothing."""
 
@@ -46,6 +48,7 @@ def test_straight_cells_along_a_curve(comm):
     assert 1.8 < second["l2"] < 2.5 and 0.8 < second["traction"] < 1.3
 
 
+@pytest.mark.long
 def test_results_are_stored(rows, comm):
     """Table, CSV with one line a mesh, picture."""
     comm.barrier()

@@ -25,6 +25,7 @@ def test_theory_of_the_lever():
         assert lever_length(MMB, start.ratio) == pytest.approx(LEVERS[ratio], rel=1e-9)
 
 
+@pytest.mark.long
 def test_mixed_mode_bending():
     """Beam theory: stiffness 1%, critical load 3%, mode ratio .02; the load falls behind it."""
     run = mmb(ratio=0.5, end=1.0, element_size=0.5)
@@ -35,6 +36,7 @@ def test_mixed_mode_bending():
     assert run.history["load"][-1] < 0.99 * critical.computed
 
 
+@pytest.mark.long
 def test_peel():
     """Forces of the closed form, and its energy release rate as soon as the film comes off."""
     assert peeling(90) == pytest.approx(0.2, rel=1e-3)
@@ -47,6 +49,7 @@ def test_peel():
     assert released == pytest.approx(history["force"][loose], rel=0.05)
 
 
+@pytest.mark.long
 def test_curved_front():
     """Stiffness 1% and first growth 3% of the published ones, with four cells over the width; the
     middle is ahead of the edges."""
@@ -60,6 +63,7 @@ def test_curved_front():
     assert edge - 31 < 0.5 * (min(inner) - 31)
 
 
+@pytest.mark.long
 def test_four_point_bending():
     """The load stays at that of beam theory while the crack runs."""
     run = four_point(element_size=1.0, run=14.0, rows=1)

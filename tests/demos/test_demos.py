@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from mpi4py import MPI
 
 import crack_speed
@@ -9,10 +11,18 @@ import ductile_grains
 import ductile_matrix
 import fault
 import impact
+import matplotlib.pyplot as plt
 import numpy as np
 import plastic_peel
 import pytest
 import spall
+
+
+@pytest.fixture(autouse=True)
+def closed() -> Iterator[None]:
+    """No picture stays open."""
+    yield
+    plt.close("all")
 
 
 def test_patch_tension(comm, out):
@@ -70,6 +80,7 @@ def test_lap_joint(comm, out):
     assert (out / "lap_joint.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_push_through(comm, out):
     """The largest force is that of one mesh, 412.2 N; friction fades as the fibre leaves."""
     import push_through
@@ -87,6 +98,7 @@ def test_push_through(comm, out):
     assert (out / "push_through.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_ironing(comm, out):
     """Coarse forces of pressing and of drawing lie between the published ones; F/N is near mu.
 
@@ -148,6 +160,7 @@ def test_load_cycle(comm, out):
     assert np.abs(history["imbalance"]).max() < 1e-3 * np.abs(history["external"]).max()
 
 
+@pytest.mark.long
 def test_plastic_peel(comm, out):
     """The bond takes its toughness whatever the strip does; a thick strip stays elastic and stores
     as much, a thin one flows and takes several times as much."""
@@ -164,6 +177,7 @@ def test_plastic_peel(comm, out):
     assert (out / "plastic_peel.png").exists()
 
 
+@pytest.mark.long
 def test_crack_speed(comm, out):
     """The crack starts at tau, is never faster than Rayleigh waves, and its speed is Freund's
     estimate 1 - tau/t to 0.06 c_R."""
@@ -180,6 +194,7 @@ def test_crack_speed(comm, out):
         assert (out / "crack_speed.gif").stat().st_size > 1e4
 
 
+@pytest.mark.long
 def test_impact(comm, out):
     """A fast striker parts the plies and is slowed down, a slow one leaves them whole; the energies
     add up to that of the striker."""
@@ -196,6 +211,7 @@ def test_impact(comm, out):
             assert (out / "impact.gif").stat().st_size > 1e4
 
 
+@pytest.mark.long
 def test_ductile_matrix(comm, out):
     """Curves agree until the matrix flows; flow limits the stress, the more the less it hardens."""
     found = ductile_matrix.main(element_size=0.4, end=0.03, steps=3, out=str(out))
@@ -231,6 +247,7 @@ def test_ductile_grains(comm, out):
     assert soft["stress"][-1] < elastic["stress"].max()
 
 
+@pytest.mark.long
 def test_fault(comm, out):
     """Times of arrival and slip of PyLith at six places, as well as cells of 150 m give them; past
     the patch of high stress the rupture is faster than shear waves, and energies add up."""
@@ -298,6 +315,7 @@ def test_weak_links(comm, out):
         assert (out / "weak_links.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_buckling(comm, out):
     """The layer buckles where it is to, rises, and peels off where G = G_c.
 
@@ -330,6 +348,7 @@ def test_buckling(comm, out):
     assert (out / "buckling.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_measured_images(comm, out):
     """The truth lies within three standard errors, which the images make smaller."""
     import measured_images as demo
@@ -345,6 +364,7 @@ def test_measured_images(comm, out):
 
 
 # A published curve of a real beam is not met to the noise, and the facets are coarse: said so.
+@pytest.mark.long
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="tests of identify have its runs on ranks")
 @pytest.mark.filterwarnings("ignore:identify")
 def test_bridged_beam(comm, out):
@@ -366,6 +386,7 @@ CELLS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CELLS)
 def test_polycrystal(comm, out, name):
     """Elastic as crystals are, parted at about the strength of the weak boundaries.

@@ -11,6 +11,7 @@ from in_time import DIVISIONS, OF_STEPS
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="measured on one rank")
 
 
+@pytest.mark.long
 def test_study(out):
     """Extrinsic elements jump and gain energy in large steps and converge in small ones, vmdg keeps
     it; interfaces that can fail leave nine tenths of the step of plain elements."""

@@ -17,6 +17,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 SCENES = [6, 12]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", SCENES)
 def test_scenes(number):
     """Turned, mirrored, in other units, with swapped sides, finer, and by all other checks."""

@@ -24,6 +24,7 @@ def offline(out, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
 
 
+@pytest.mark.long
 @one_rank
 def test_refused_without_packages(offline, out):
     """What is missing and how to get it; nothing that looks installed is left."""
@@ -39,6 +40,7 @@ def test_refused_on_several_ranks():
         others.main(alone=True)
 
 
+@pytest.mark.long
 @one_rank
 def test_scenes_of_vmdg(out):
     """Peak and work of the bond on coarse meshes, which equal steps pass over more than others.

@@ -16,6 +16,7 @@ def rows_of(case, comm, out):
     return {(row.case, row.quantity, row.source): row for row in rows}
 
 
+@pytest.mark.long
 def test_necking(comm, out):
     """Halves joined at the neck carry what one body does, far beyond the peak within 0.3 %; in 3D
     within 1 % what the section with as many cells does."""
@@ -31,6 +32,7 @@ def test_necking(comm, out):
     assert last.computed < 0.4 * peak.computed
 
 
+@pytest.mark.long
 def test_membrane(comm, out):
     """A tie across the membrane changes nothing, and 8 x 8 cells miss the published rise by 4 %; so
     it is with hexahedra between smooth walls, 4 x 4 of which miss it by 12 %."""
@@ -41,6 +43,7 @@ def test_membrane(comm, out):
             assert abs(row.error) < (0.13 if "3D" in case else 0.05), (case, quantity)
 
 
+@pytest.mark.long
 def test_shells(comm):
     """Errors of the displacement are those of one body within 5 % and fall by the order 3."""
     shape, front = shells.Shell(True, 0.3), (shells.M + shells.B) / 2
@@ -72,6 +75,7 @@ def test_inclusion(comm):
     assert opening == pytest.approx(gaps, rel=1e-2)
 
 
+@pytest.mark.long
 def test_arms(comm, out):
     """Plastic arms are parted by the moment of J, less than elastic ones need by a quarter."""
     (row,) = rows_of("arms", comm, out).values()

@@ -14,6 +14,7 @@ from vmdg import Mode
 R_F, R_S, R_M, H = 0.95, 1.025, 4.3, 5.36
 
 
+@pytest.mark.long
 def test_section_to_the_end(comm, out):
     """The whole curve on a coarse section: slope, peak, the jump, friction, modes at the top.
 
@@ -55,6 +56,7 @@ def test_modes_from_the_top(comm):
     assert (problem.state[0].softening[low] == 0).all()
 
 
+@pytest.mark.long
 def test_solid_against_section(comm):
     """3D and section on the same layers, half way to the peak: force within 2%.
 
@@ -70,6 +72,7 @@ def test_solid_against_section(comm):
     assert forces[0] == pytest.approx(forces[1], rel=0.02)
 
 
+@pytest.mark.long
 def test_studies(comm, out, capsys):
     """One run a value, with its argument changed; a row of the table and a picture for all."""
     small = {"modulus": (0.625, 2.5), "mesh": (0.3, 0.4), "steps": (2, 4)}

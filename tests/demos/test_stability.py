@@ -25,6 +25,7 @@ RUNS = numbers(1)
 LAW = vmdg.Debonding(strength=10.0, critical_gap=0.2, friction=0.3)
 
 
+@pytest.mark.long
 def test_no_run_fails(comm, out):
     """No wrong state, no NaN, no hang, no crash; every family occurs, most runs get to the end."""
     runs = stability.main(each=1, out=str(out))
@@ -39,6 +40,7 @@ def test_no_run_fails(comm, out):
     assert (out / "stability.md").read_text() == runner.table(runs) + "\n"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [249, 301])
 def test_crushed_cells_and_new_facets(number):
     """Crushed cells whose interface held less than the body; facets that open in the first stage.

@@ -12,6 +12,7 @@ from parts.verification import partial_slip
 from support.budgets import over_budget
 
 
+@pytest.mark.long
 def test_closed_forms(comm, out):
     """Bar to round-off (a patch test); fields to the h2 of the traction of degree 2.
 
@@ -39,6 +40,7 @@ def test_closed_forms(comm, out):
     assert (out / "verification.md").read_text().count("\n") == len(checks) + 2
 
 
+@pytest.mark.long
 def test_points_that_slide_one_by_one():
     """The point between sliding up and down travels by one a correction and the residual hardly
     falls: attempts that are given up then fail at every size of the step."""
@@ -74,6 +76,7 @@ def test_theory_of_the_cantilever():
     assert pytest.approx(1.94, rel=0.01) == 8 * K * (30 + m.chi * m.h) ** 2 / m.rigidity
 
 
+@pytest.mark.long
 def test_cost_of_a_cantilever():
     """The standard test with default options: within its budget, and beam theory to 1.5%."""
     run = delamination.dcb()
@@ -82,6 +85,7 @@ def test_cost_of_a_cantilever():
     assert not over_budget("double cantilever", run.result)
 
 
+@pytest.mark.long
 def test_end_notched_flexure():
     """Stiffness, friction work and the load that drives the crack within 1% of beam theory.
 
