@@ -7,10 +7,10 @@ bodies meshed separately and together, "explicit" times steps in time, "small" r
 problems in and outside of compiled code, "derivatives" runs that carry derivatives by parameters,
 "zone" counts Krylov iterations while a zone of failure grows, "step" tells what else a load step
 does, "peers" runs two scenes that other codes were given, "switches" runs one of them with and
-without what can be spared, "condensed" linear systems at small strain, "kernels" lists what is
-compiled, "memory" measures the push-out. Seconds are processor time of warm runs on one core, the
-least of some; whatever is compared takes turns in one process. On one rank, but "ratio" and
-"explicit", which on several tell the times of the slowest.
+without what can be spared, "kernels" lists what is compiled, "memory" measures the push-out.
+Seconds are processor time of warm runs on one core, the least of some; whatever is compared takes
+turns in one process. On one rank, but "ratio" and "explicit", which on several tell the times of
+the slowest.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def main(
 
     Args:
         parts: Some of precision, intact, ratio, plastic, separate, explicit, small, derivatives,
-            zone, step, peers, switches, condensed, kernels and memory; all without any.
+            zone, step, peers, switches, kernels and memory; all without any.
         coarse: Small meshes.
         repeats: Runs, of which the fastest counts.
         out: Folder for tables and pictures.

@@ -35,7 +35,6 @@ LAWS = {
 FEATURES: Mapping[str, Mapping[str, Any]] = {
     **{name: {"law": law} for name, law in LAWS.items()},
     "small": {"problem": {"kinematics": "small"}},
-    "condensed": {"problem": {"kinematics": "small"}, "options": {"condensed": True}},
     "degree 2": {"problem": {"degree": 2}},
     "mean dilatation": {"problem": {"volumetric": "mean"}},
     "swelling": {"problem": {"eigenstrain": {2: lambda t: 0.05 * t}}},
@@ -72,10 +71,8 @@ EXCLUDE = [
     {*LAWS},
     {*PLANES},
     {"fluid", "fluid by width"},
-    {"small", "condensed"},
     {"later support", "cracks anywhere"},
     *({"worn", by} for by in ("by dissipation", "traced")),
-    *({"condensed", other} for other in ("mean dilatation", "cracks anywhere", PLANES[2])),
     *({"mean dilatation", other} for other in ("degree 2", *PLANES[1:])),
     *({fluid, plane} for fluid in ("fluid", "fluid by width") for plane in PLANES[1:]),
     {"of revolution", "thickness"},

@@ -143,7 +143,6 @@ def test_cracked_plate(out):
     assert run.imbalance < 5e-3
     assert run.history["damage"][-1] == pytest.approx(peers.P1.work)
     assert not over_budget("cracked plate", run)
-    assert run.counts.condensed >= run.history["iterations"].sum()
     assert run.counts.solves >= len(run.history)
 
 
@@ -154,19 +153,9 @@ ALLOWED = {"history, return map, damage tangent": 1e-4, "terms of finite strain"
 def test_what_is_spared_changes_nothing(out):
     """Both ways give the same forces; 1e-6 is a thousand times the tolerance of the steps."""
     savings = benchmark.main(["switches"], coarse=True, repeats=1, out=str(out))["switches"]
-    assert len(savings) == 6
+    assert len(savings) == 5
     for saving in savings:
         assert saving.difference < ALLOWED.get(saving.name, 1e-6), saving
-
-
-def test_condensed_systems_change_nothing(out):
-    """Forces of both ways are equal within a hundred times the tolerance of 1e-9."""
-    gains = benchmark.main(["condensed"], coarse=True, repeats=1, out=str(out))["condensed"]
-    assert len(gains) == 2
-    for gain in gains:
-        assert gain.difference[1] < 1e-7, gain
-        assert len(gain.seconds) == 2
-        assert 0 < gain.gaps < gain.unknowns
 
 
 def test_sliding_shear():

@@ -1,15 +1,12 @@
-"""What a run uses and spares: every switch in both positions, and why steps are not condensed."""
+"""What a run uses and spares: every switch in both positions."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from support.problems import MATERIALS, joined
-from support.scenes import everywhere, tag_cells, two_blocks, unit_box
+from support.problems import joined
+from support.scenes import two_blocks
 
 import vmdg
-from vmdg.base.parallel import global_sum
-from vmdg.linear.condensation import condensation, gap_components
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05)
 RUBBING = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
@@ -34,8 +31,6 @@ def test_tied_at_finite_strain(comm):
         "turning frame": False,
         "terms K of (85)": True,
         "tau_s every step": True,
-        "bodies assembled": True,
-        "condensed to interface": False,
         "linear solver": True,
     }
     assert found == expected
@@ -44,8 +39,8 @@ def test_tied_at_finite_strain(comm):
 def test_tied_at_small_strain(comm):
     """Nothing to iterate on is left at the interface, and tau_s is constant."""
     found = on(joined(two_blocks(comm, "quadrilateral"), vmdg.Bonded(), kinematics="small"))
-    for name in ("condensed to interface", "tau_s every step"):
-        assert not found[name]
+    assert not found["damage tangent"]
+    assert not found["tau_s every step"]
 
 
 def test_friction_at_finite_strain(comm):
@@ -63,40 +58,6 @@ def test_friction_at_finite_strain(comm):
     found = on(problem)
     for name in ("turning frame", "terms K of (85)", "tau_s every step"):
         assert not found[name]
-    assert found["condensed to interface"]
-    assert not found["bodies assembled"]
-    assert on(problem, condensed=False)["bodies assembled"]
-
-
-def derived(tau1, tau2, context):
-    """tau_s and delta_1 of the report with a safety of 4, as a user's own stabilization."""
-    bonded = np.linalg.inv(tau1 + tau2)
-    return 4 * bonded, bonded @ tau1
-
-
-def refusal(problem, **options) -> str:
-    """Why the default does not condense; asking for it is an error with the same reason."""
-    condensed, why = condensation(problem, **options)
-    assert not condensed
-    with pytest.raises(ValueError, match="condensed = True is not possible") as error:
-        vmdg.solve(problem, [0.1], vmdg.SolveOptions(condensed=True, **options))
-    assert why in str(error.value)
-    return why
-
-
-def test_steps_aside(comm):
-    """Finite strain, ties, and features of which the tangent of the bodies or tau_s changes."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    small = {"kinematics": "small"}
-    assert "finite strain" in refusal(joined(scene, LAW))
-    assert "tied" in refusal(joined(scene, vmdg.Bonded(), **small))
-    assert "dilatation" in refusal(joined(scene, LAW, volumetric="mean", **small))
-    own = {"stabilization": derived}
-    assert "stabilization" in refusal(joined(scene, LAW, interface=own, **small))
-    problem = joined(scene, LAW, interface={"activate": "on-demand"}, **small)
-    why = condensation(problem)[1]
-    assert "tied" in why or "demand" in why
-    assert "petsc" in refusal(joined(scene, LAW, **small), petsc={"ksp_type": "preonly"})
 
 
 ITERATIVE = {"ksp_type": "gmres", "pc_type": "jacobi"}
@@ -116,24 +77,6 @@ def test_summary_says_what_newton_does(comm, petsc, cell, n):
     assert (result.counts.krylov > 0) == (petsc is ITERATIVE or lagged)
     expected = "FGMRES with LDL^T" if lagged else "LDL^T"
     assert reasons["linear solver"] == ("options.petsc" if petsc is ITERATIVE else expected)
-
-
-def test_where_it_is_cheaper(comm):
-    """The default compares the gaps with the dofs; True and False do as they say."""
-    problem = joined(two_blocks(comm, "quadrilateral", 2), LAW, kinematics="small")
-    # Facets, points, components.
-    assert global_sum(comm, gap_components(problem)) == 2 * 2 * 2
-    assert condensation(problem)[0]
-    assert condensation(problem, wanted=True)[0]
-    assert not condensation(problem, wanted=False)[0]
-    # Every facet of 11 x 11 cells.
-    mesh = unit_box(comm, "quadrilateral", 11)
-    interface = vmdg.Interface(within=1, law=LAW)
-    tags = tag_cells(mesh, {1: everywhere})
-    problem = vmdg.Problem(mesh, tags, {1: MATERIALS[0]}, [interface], kinematics="small")
-    condensed, why = condensation(problem)
-    assert not condensed
-    assert "too many" in why
 
 
 @pytest.mark.filterwarnings("ignore:there is no load")

@@ -313,5 +313,5 @@ def test_out_of_memory(comm, option):
     problem.dirichlet(scene.facet_tags.find(1), 0.0)
     problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.0))
     with pytest.raises(MemoryError, match=r"14884 unknowns ran out of memory \(MUMPS: INFOG\(1\)"):
-        vmdg.solve(problem, [0.01], vmdg.SolveOptions(condensed=False, petsc=LU | option))
+        vmdg.solve(problem, [0.01], vmdg.SolveOptions(petsc=LU | option))
     assert problem.t == 0 and not problem.u.x.array.any()

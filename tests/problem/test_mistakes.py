@@ -676,7 +676,6 @@ WRONG_OPTIONS = {
     "csv": (True, "a path or None"),
     "checkpoint": (True, "a path or None"),
     "path": ({}, r"PathOptions\(\.\.\.\)"),
-    "condensed": ("no", "True, False or None"),
     "energy": ("yes", "True or False"),
     "progress": ("yes", "True, False or a number of seconds"),
     "show": (5, "names of columns or None"),

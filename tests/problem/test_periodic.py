@@ -432,8 +432,6 @@ def test_more_mistakes(comm):
         problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
     with pytest.raises(ValueError, match="a periodic cell has no supports"):
         problem.reaction(lambda x: np.isclose(x[0], 0))
-    with pytest.raises(ValueError, match="periodic cell"):
-        vmdg.solve(included(comm, STRAIN), [1.0], vmdg.SolveOptions(condensed=True))
     mesh, tags = tagged(comm, "triangle", (2, 2), lambda x: 1 + 0 * x[0])
     with pytest.raises(ValueError, match="a body with a surface"):
         means(vmdg.Problem(mesh, tags, **one))

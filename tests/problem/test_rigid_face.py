@@ -341,32 +341,6 @@ def test_krylov_methods(comm, solver):
     assert found[0] == pytest.approx(found[1], rel=1e-8)
 
 
-def path_of_plate(comm, condensed, **given):
-    """Load factor, displacement and turn of a hinged plate (3, rows), systems condensed or not."""
-    problem, _, plate = hinged(comm, **given)
-    result = vmdg.solve(
-        problem,
-        [1.0],
-        vmdg.SolveOptions(unstable="trace", relative_tolerance=1e-10, condensed=condensed),
-        monitor=lambda problem: {"u": plate.displacement(), "tilt": plate.rotation()},
-        until=lambda problem: plate.displacement() > 0.03,
-    )
-    assert (result.counts.condensed > 0) == condensed
-    return np.array([result.history[name] for name in ("load", "u", "tilt")])
-
-
-GIVEN = {"force": lambda t: 12.0 * t, "displacement": lambda t: 0.04 * t}
-
-
-@pytest.mark.parametrize("given", GIVEN)
-def test_condensed(comm, given):
-    """Systems condensed to the interface lead the same way as assembled ones."""
-    value = {given: GIVEN[given]}
-    found = [path_of_plate(comm, condensed, **value) for condensed in (True, False)]
-    assert found[0].shape[1] > 5
-    assert found[0] == pytest.approx(found[1], rel=1e-6)
-
-
 # Supports
 
 

@@ -179,55 +179,22 @@ def add_forces(vector: Array, nodes: NDArray[np.int32], d: int, forces: Array) -
     np.add.at(vector, places.reshape(forces.shape), forces)
 
 
-def traction_matrix(active: ActiveInterface) -> csr_array:
-    """int q.Tt(du) dA over an interface, q the test functions of its points.
-
-    Tt(du) = {(A : GRAD du).N} + r (du_2 - du_1) of (84), whose moduli are constant at small strain.
-    One row per component at the points of this rank, one column per dof of the mesh.
-    """
-    return _point_matrix(active, active.tangent(damage=False)[1])
-
-
 def local_tractions(active: ActiveInterface) -> csr_array:
-    """The transpose of :func:`traction_matrix` for the dofs known on this rank."""
-    local = active.point_tangent.jets.index_map
-    numbers = np.arange(local.size_local + local.num_ghosts, dtype=np.int32)
-    return _point_matrix(active, active.tangent(damage=False)[1], numbers=numbers).T.tocsr()
+    """The transpose of int q.Tt(du) dA over an interface, q the test functions of its points.
 
-
-def jump_matrix(active: ActiveInterface) -> csr_array:
-    """int q.du_2 dA over an interface: the contribution of side 2 to the opening, as above."""
-    opening = np.eye(active.quadrature.d, active.point_tangent.jets.size)
-    return _point_matrix(active, active.point_tangent.areas[:, None, None] * opening, side=1)
-
-
-def _point_matrix(
-    active: ActiveInterface,
-    values: Array,
-    side: int | None = None,
-    numbers: NDArray[np.integer] | None = None,
-) -> csr_array:
-    """Rows of values.j(du), (nq, d, jet); for one side only if given, and with these numbers of
-    the local nodes instead of the global ones."""
+    Tt(du) = {(A : GRAD du).N} + r (du_2 - du_1) of (84). One column per component at the points of
+    this rank, one row per dof known on this rank.
+    """
     quadrature, jets = active.quadrature, active.point_tangent.jets
-    of_all = jets.index_map
-    if numbers is None:
-        here = np.arange(of_all.size_local + of_all.num_ghosts, dtype=np.int32)
-        numbers, count = of_all.local_to_global(here), of_all.size_global
-    else:
-        count = len(numbers)
-    d, N = quadrature.d, count * quadrature.d
-    total = csr_array((len(quadrature.weights) * d, N))
+    values, d = active.tangent(damage=False)[1], quadrature.d
+    known = jets.index_map.size_local + jets.index_map.num_ghosts
+    total = csr_array((len(quadrature.weights) * d, known * d))
     for rows in _batches(active):
         nodes, B = jets.displacement(rows)
         points = quadrature.points_of_facet[rows]
         data = values[points] @ B
-        if side is not None:
-            half = nodes.shape[1] // 2
-            nodes = nodes[:, side * half : (side + 1) * half]
-            data = data[..., side * half * d : (side + 1) * half * d]
         lines = points[..., None] * d + np.arange(d)
-        columns = joined_axes(numbers[nodes][..., None] * d + np.arange(d), 1)[:, None, None]
+        columns = joined_axes(nodes[..., None] * d + np.arange(d), 1)[:, None, None]
         where = (np.broadcast_to(a, data.shape).ravel() for a in (lines[..., None], columns))
         total += csr_array((data.ravel(), tuple(where)), shape=total.shape)
-    return total
+    return total.T.tocsr()

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 from ..laws.base import is_number
 from ..problem.problem import Problem
-from .condensation import condensation
 from .ksp import Choice, Petsc, is_iterative, linear_options
 
 
@@ -30,9 +29,6 @@ def switchboard(problem: Problem, options: Choice | None = None) -> list[Switch]
     Args:
         problem: The problem, with its interfaces and open facets.
         options: As :class:`vmdg.SolveOptions`; None for the default.
-
-    Raises:
-        ValueError: ``options.condensed`` is True and the problem does not allow it.
     """
     parts = problem.discretization
     interfaces = parts.active.values()
@@ -44,12 +40,9 @@ def switchboard(problem: Problem, options: Choice | None = None) -> list[Switch]
     rubbing = any(not is_number(active.law.friction, 0.0) for active in interfaces)
     turning = any(active.turns for active in interfaces)
     small, constant = problem.discretization.bodies.small, parts.constant_stabilization
-    wanted, petsc = (options.condensed, options.petsc) if options else (None, None)
-    condensed, why = condensation(problem, wanted, petsc)
+    petsc = options.petsc if options else None
     linear = linear_options(problem, petsc)
     solver = _name(linear.solver) if linear.automatic else "options.petsc"
-    if condensed:
-        solver = "LDL^T of the bonded bodies, once; dense at the interface"
     still = "small strain" if small else 'tied, or frame="reference"'
     return [
         Switch("history and return map", *failing),
@@ -64,8 +57,6 @@ def switchboard(problem: Problem, options: Choice | None = None) -> list[Switch]
         Switch("turning frame", turning, "finite strain" if turning else still),
         Switch("terms K of (85)", not small, "the moduli are constant" if small else "slip"),
         Switch("tau_s every step", not constant, "once: small strain" if constant else "moduli"),
-        Switch("bodies assembled", not condensed, "once" if condensed else "for every tangent"),
-        Switch("condensed to interface", condensed, why),
         Switch("linear solver", True, solver),
     ]
 

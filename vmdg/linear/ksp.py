@@ -30,7 +30,6 @@ class Choice(Protocol):
     """The user's options for linear systems, see :class:`vmdg.SolveOptions`."""
 
     petsc: Petsc | None
-    condensed: bool | None
 
 
 #: Prefixes of the objects configured by options.
@@ -426,7 +425,7 @@ def refuse_memory(pc: PETSc.PC) -> None:
         raise MemoryError(
             f"a factorization of {size} unknowns ran out of memory{told}: use more memory (more "
             "nodes), a coarser mesh away from the interface, or a solver without factors, "
-            "SolveOptions(condensed=False, petsc={'ksp_type': 'gmres', 'pc_type': 'gamg'}); if "
+            "SolveOptions(petsc={'ksp_type': 'gmres', 'pc_type': 'gamg'}); if "
             "the estimate of MUMPS is too low, a larger 'mat_mumps_icntl_14'"
         )
 

@@ -14,8 +14,6 @@ from ..assembly.means import lattice_of
 from ..base.parallel import global_any, global_norm, global_sum
 from ..base.units import power_of_two
 from ..problem.problem import Problem
-from .capacitance import Capacitance
-from .condensation import condensation
 from .ksp import (
     LinearSolver,
     Petsc,
@@ -87,19 +85,6 @@ class System(Protocol):
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-
-
-def make_system(problem: Problem, condensed: bool | None, petsc: Petsc | None) -> System:
-    """The linear systems suitable for a problem and the user's options; collective.
-
-    Args:
-        problem: The problem.
-        condensed: As ``wanted`` of :func:`.condensation`.
-        petsc: The user's PETSc options, without prefix.
-    """
-    if condensation(problem, condensed, petsc)[0]:
-        return Capacitance(problem)
-    return AssembledSystem(problem, petsc)
 
 
 class AssembledSystem:

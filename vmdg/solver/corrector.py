@@ -26,10 +26,8 @@ from ..base.parallel import global_max, global_norm, warn_together
 from ..base.timers import timer
 from ..compat import SNES_REASONS
 from ..domain.topology import box_sides
-from ..linear.capacitance import solve_contact
-from ..linear.condensation import closes_points
 from ..linear.ksp import MAX_RTOL, linear_tolerance
-from ..linear.system import System, make_system
+from ..linear.system import AssembledSystem, System
 from ..problem.problem import Problem
 from ..problem.states import RunScales
 from ..problem.step import cause
@@ -59,7 +57,7 @@ class Corrector:
     def __init__(self, problem: Problem, options: SolveOptions):
         self.discretization = problem.discretization
         self._problem, self._options = problem, options
-        self._system = make_system(problem, options.condensed, options.petsc)
+        self._system: System = AssembledSystem(problem, options.petsc)
         # lambda is the last unknown of the first rank.
         local = problem.discretization.owned + (problem.comm.rank == 0)
         self._snes = Snes(problem.comm, local, options)
@@ -200,7 +198,7 @@ class _Newton:
         if step.close(self._dt):
             self._balanced = 0.0
             iterate.restart(limits)
-            self._go(iterate.start, self._correct(-iterate.forces(), closes=True), 1.0)
+            self._go(iterate.start, self._correct(-iterate.forces()), 1.0)
 
     def _extrapolate(self, last: Attempt) -> bool:
         """Extrapolate the last step until a limit is met; False if none is near."""
@@ -235,11 +233,8 @@ class _Newton:
 
     # Corrections
 
-    def _correct(self, forces: Array, closes: bool = False) -> Direction:
-        """Correction for a residual of -forces that ends at a limit; collective.
-
-        For a given load factor, bodies may be treated as linear, with closing points.
-        """
+    def _correct(self, forces: Array) -> Direction:
+        """Correction for a residual of -forces that ends at a limit; collective."""
         iterate, limits, parameter = self._iterate, self._iterate.limits, self._iterate.parameter
         now, away, self._ends_at_target = iterate.reach(), self._loading.away(self._problem.t), True
         left = limits.target - now.t if parameter.moves else 0.0
@@ -249,12 +244,7 @@ class _Newton:
         if alone:
             if left:
                 forces, away = forces + left * rate.forces, away + left * rate.supports
-            problem, options = self._problem, self._options
-            if closes and closes_points(problem, options.condensed, options.petsc):
-                found = solve_contact(problem, self._system, forces, away, self._dt)
-            else:
-                found = self._system.solve([forces], [away], self._rtol)[0]
-            return Direction(found, left)
+            return Direction(self._system.solve([forces], [away], self._rtol)[0], left)
         found = self._system.solve([forces, rate.forces], [away, rate.supports], self._rtol)
         zero, one = Direction(found[0], 0.0), Direction(found[1], 1.0)
         size = global_norm(self._comm, one.u)

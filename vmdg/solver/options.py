@@ -41,7 +41,6 @@ VALUES = {
         lambda value: value is None or all(map(_petsc_option, value.items())),
     ),
     "path": ("PathOptions(...)", lambda value: isinstance(value, PathOptions)),
-    "condensed": ("True, False or None", lambda value: value is None or _SWITCH[1](value)),
     "energy": _SWITCH,
     "verbose": _SWITCH,
     "progress": ("True, False or a number of seconds", lambda value: isinstance(value, Real)),
@@ -182,10 +181,6 @@ class SolveOptions:
             of :func:`vmdg.linear.ksp.automatic_options`. Unused options cause a warning.
         petsc_options: DOLFINx's name for ``petsc``.
         path: Parameters of path following, see :class:`PathOptions`.
-        condensed: Solve small-strain systems with factors of the linear bodies, computed once, and
-            a dense matrix for the gaps at the interface points, see :mod:`vmdg.linear.capacitance`:
-            None if possible and cheaper, False never, True if possible, see
-            :mod:`vmdg.linear.condensation`.
         energy: Add the energies of every step to the history. At finite strain the external work
             of every step is then integrated accurately, which costs one or more residuals per step.
         progress: Show a progress bar and the summary of the run (rank 0): load factor, size,
@@ -221,7 +216,6 @@ class SolveOptions:
     petsc: Petsc | None = None
     petsc_options: InitVar[Petsc | None] = None
     path: PathOptions = field(default_factory=PathOptions)
-    condensed: bool | None = None
     energy: bool = False
     progress: bool | float = False
     show: Sequence[str] | str | None = None

@@ -19,8 +19,7 @@ class Counts:
     Attributes:
         factorizations: Matrices factorized for direct solves.
         preconditioners: Set-ups for Krylov solves: factors for reuse, or multigrid.
-        solves: Right-hand sides solved with the tangent; condensed, several at once count as one.
-        condensed: Those among them that are condensed systems of the gaps with damage.
+        solves: Right-hand sides solved with the tangent.
         krylov: Krylov iterations of both; none where they are solved directly.
         residuals: Residuals of the whole problem.
         tangents: Tangents of the whole problem.
@@ -30,7 +29,6 @@ class Counts:
     factorizations: int = 0
     preconditioners: int = 0
     solves: int = 0
-    condensed: int = 0
     krylov: int = 0
     residuals: int = 0
     tangents: int = 0
@@ -56,10 +54,9 @@ class Counts:
 
 #: Timers of each count.
 _TIMERS = {
-    "factorizations": ("factorize", "factorize bonded bodies"),
+    "factorizations": ("factorize",),
     "preconditioners": ("set up preconditioner",),
     "solves": ("linear solve",),
-    "condensed": ("condensed solve",),
     "residuals": ("assemble residual",),
     "tangents": ("tangent at points",),
     "return_maps": ("return map",),

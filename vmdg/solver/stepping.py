@@ -60,10 +60,9 @@ def solve(
     Raises:
         StepFailure: a step fails after ``max_cuts`` reductions.
         ValueError: no load factors (and no history), an unknown parameter or a problem without
-            derivatives, an unconstrained body, the softening of a law
-            is too steep for the mesh (r <= H), ``condensed=True`` where it is not possible, or
-            columns of the history with equal names, changed units, or to be shown that do not
-            exist.
+            derivatives, an unconstrained body, the softening of a law is too steep for the mesh
+            (r <= H), or columns of the history with equal names, changed units, or to be shown that
+            do not exist.
         TypeError: ``loads`` is a single number that is not an int, or ``options``, ``history`` or
             the result of the monitor or of ``until`` has the wrong type.
         OSError: a checkpoint or the history could not be written; the problem is in the state to be

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from parts.bars import progress
 from parts.benchmark import (
-    condensed,
     cost,
     derivatives,
     explicit,
@@ -165,13 +164,6 @@ def switches_part(coarse: bool, repeats: int) -> Outcome:
     return savings, table(switches.HEAD, switches.rows(savings)), None
 
 
-def condensed_part(coarse: bool, repeats: int) -> Outcome:
-    """Systems condensed to the interface, at small strain, against the assembled tangent."""
-    scenes = progress((condensed.COARSE if coarse else condensed.SCENES).items(), "scene")
-    gains = [condensed.measure(name, make, repeats) for name, make in scenes]
-    return gains, table(condensed.HEAD, condensed.rows(gains)), None
-
-
 def kernels_part(coarse: bool, repeats: int) -> Outcome:
     """Kernels of scenes that follow each other, from an empty cache."""
     scenes = list(cost.SCENES)[: 3 if coarse else None]
@@ -200,7 +192,6 @@ PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "step": step_part,
     "peers": peers_part,
     "switches": switches_part,
-    "condensed": condensed_part,
     "kernels": kernels_part,
     "memory": memory_part,
 }

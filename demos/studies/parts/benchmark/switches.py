@@ -34,14 +34,14 @@ class Way:
         law: Of the bond.
         kinematics: "small" or "finite".
         interface: Its further options.
-        options: Of the solver; the default assembles the tangent.
+        options: Of the solver.
         crack: Whether the plate has its crack.
     """
 
     law: vmdg.Law = BOND
     kinematics: str = "finite"
     interface: Mapping[str, Any] = field(default_factory=dict)
-    options: Mapping[str, Any] = field(default_factory=lambda: {"condensed": False})
+    options: Mapping[str, Any] = field(default_factory=dict)
     crack: bool = True
 
 
@@ -62,7 +62,6 @@ CASES: dict[str, tuple[Way, Way]] = {
     "turning frame": (Way(), Way(interface={"frame": "reference"})),
     "terms of finite strain": (Way(), small()),
     "tau_s in every step": (small(stabilization=bubbles), small(safety=4.0)),
-    "assembled tangents": (small(), Way(kinematics="small", options={})),
 }
 
 

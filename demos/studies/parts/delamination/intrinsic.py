@@ -415,7 +415,7 @@ def side_by_side(
     result = vmdg.solve(
         problem,
         [loads[0], end],
-        vmdg.SolveOptions(control="dissipation", max_share=share, condensed=False, verbose=verbose),
+        vmdg.SolveOptions(control="dissipation", max_share=share, verbose=verbose),
         lambda problem: {"force": problem.reaction(upper)[1]},
     )
     seconds, counts = perf_counter() - begin, result.counts

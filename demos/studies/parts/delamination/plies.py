@@ -156,9 +156,9 @@ class Specimen:
 
 
 def options(verbose: bool, **more) -> vmdg.SolveOptions:
-    """The bodies are factorized once: few gaps for many dofs."""
+    """What is shown of a run, and further options."""
     shown = {"progress": True, "verbose": verbose, "show": ("force", "crack")}
-    return vmdg.SolveOptions(condensed=True, **shown, **more)
+    return vmdg.SolveOptions(**shown, **more)
 
 
 def first_growth(
