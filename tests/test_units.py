@@ -24,7 +24,7 @@ from vmdg.base.tables import rounded
 from vmdg.compat import geometry_dofmap
 from vmdg.domain.lattice import Lattice
 from vmdg.linear.ksp import GMRES_GAMG, GMRES_LDLT, LU
-from vmdg.linear.system import AssembledSystem
+from vmdg.linear.system import System
 from vmdg.meshes import TaggedMesh, blocks, fibre_cell
 from vmdg.output.profile import profile
 from vmdg.problem.checks import check_model
@@ -264,7 +264,7 @@ def test_linear_systems(comm, petsc):
             forces = -problem.step.assemble_residual()
             if t == 1.0:
                 problem.step.commit()
-        system = AssembledSystem(problem, petsc)
+        system = System(problem, petsc)
         found = np.array(system.solve([forces], [np.zeros_like(forces)], 1e-9))
         iterations = system.iterations
         system.free()

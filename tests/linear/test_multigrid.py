@@ -12,12 +12,12 @@ import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.base.timers import timings, timings_since
 from vmdg.linear.ksp import CG_GAMG, GMRES_GAMG
-from vmdg.linear.system import AssembledSystem
+from vmdg.linear.system import System
 
 
 def solved(problem: vmdg.Problem, options: dict, times: int = 1, rtol: float = 1e-6):
     """Krylov iterations of systems at the present state, and runs of timers."""
-    system, before = AssembledSystem(problem, options), timings()
+    system, before = System(problem, options), timings()
     counts = [0]
     for _ in range(times):
         forces = np.ones_like(problem.step.assemble_residual())

@@ -8,7 +8,7 @@ from support.scenes import two_blocks
 
 import vmdg
 from vmdg.base.parallel import global_max, global_norm
-from vmdg.linear.system import AssembledSystem
+from vmdg.linear.system import System
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05, friction=0.4)
 VISCOUS = vmdg.Debonding(strength=20.0, critical_gap=0.05, viscosity=10.0)
@@ -45,7 +45,7 @@ def test_last_tangent_again(comm):
     problem = couple(scene, LAW, MATERIALS)
     problem.dirichlet(scene.facet_tags.find(1), 0.0)
     problem.rigid_face(scene.facet_tags.find(2), "y", force=lambda t: 5.0 * t)
-    system = AssembledSystem(problem, None)
+    system = System(problem, None)
     forces = 1.0 + problem.step.assemble_residual()
     nothing = np.zeros_like(forces)
     first = system.solve([forces, 2 * forces], [nothing, nothing], 1e-10)
@@ -79,7 +79,7 @@ def test_product(comm):
     """K.du of the solution is the right-hand side on free dofs, with faces, supports and damage."""
     problem = sheared(comm, "quadrilateral")
     vmdg.solve(problem, [0.4, 0.8])
-    system = AssembledSystem(problem, None)
+    system = System(problem, None)
     forces = np.sin(np.arange(problem.discretization.owned, dtype=float))
     moved = np.cos(np.arange(problem.discretization.owned, dtype=float))
     (du,) = system.solve([forces], [moved], 1e-12)
@@ -101,7 +101,7 @@ def test_second_solution_as_exact_as_needed(comm):
     moved[held] = 1.0
     forces[held] = 0.0
     for multiplier in (0.0, 0.1):
-        system = AssembledSystem(problem, options)
+        system = System(problem, options)
         system.multiplier = multiplier
         _, du = system.solve([forces, nothing], [nothing, moved], 1e-4)
         left.append(global_norm(comm, problem.loading.balance(system.product(du))))

@@ -22,7 +22,7 @@ from ..linear.ksp import (
     matrix_kind,
     set_options,
 )
-from ..linear.system import AssembledSystem
+from ..linear.system import System
 from ..problem.ledger import WorkInMotion
 from ..problem.motion import moving
 from ..problem.problem import Problem
@@ -68,7 +68,7 @@ class ImplicitSteps:
             problem.comm,
         )
         self._owned, self._motion.lumped = problem.discretization.owned, None
-        self._system = AssembledSystem(problem, options.petsc)
+        self._system = System(problem, options.petsc)
         kind = matrix_kind(linear_options(problem, options.petsc).solver)
         self._mass = self._motion.matrix(kind)
         damping, alpha = self._motion.damping, self._motion.damping.rayleigh.alpha

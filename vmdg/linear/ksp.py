@@ -542,7 +542,7 @@ def set_rigid_modes(
     """Set the near-null space for multigrid: translations and rotations, along z in axisymmetry.
 
     One set of modes is enough for all bodies, since an aggregate lies in one body, or in several
-    connected by ties, see :meth:`.AssembledSystem.solve`. In a periodic cell only translations,
+    connected by ties, see :meth:`.System.solve`. In a periodic cell only translations,
     since rotations cause strain at its boundary.
     """
     d, owned = space.dofmap.index_map_bs, space.dofmap.index_map.size_local

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..output.cell import PeriodicCell
 from ..problem.problem import Problem
 from .ksp import Choice
-from .system import AssembledSystem
+from .system import System
 
 
 def macroscopic_tangent(problem: Problem, options: Choice | None = None) -> NDArray[np.float64]:
@@ -31,7 +31,7 @@ def macroscopic_tangent(problem: Problem, options: Choice | None = None) -> NDAr
     cell, parts = PeriodicCell(problem), problem.discretization
     parts.update_means()
     means = parts.means
-    system = AssembledSystem(problem, options.petsc if options else None)
+    system = System(problem, options.petsc if options else None)
     stiffness = system.condensed(means.unit_vectors(problem.comm.bcast(means.dofs)))
     system.free()
     result = np.zeros(4 * cell.gradient.shape[:1])

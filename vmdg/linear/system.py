@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 from petsc4py import PETSc
 
@@ -37,58 +36,8 @@ REFINED, SLOW, MOST_REFINEMENTS = 1e-10, 0.2, 8
 UNHELD = 1e-11
 
 
-class System(Protocol):
+class System:
     """K.du = forces with the tangent at the state of the last residual.
-
-    Attributes:
-        norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
-        drag: Added to the diagonal of K, relative to the norm; at finite strain only.
-        lags: Whether the last K is reused once, with all right-hand sides but the first.
-        multiplier: What the second solution is multiplied with, over the norm of the first forces;
-            0 if nothing is known of it [1/N].
-        iterations: Krylov iterations so far.
-    """
-
-    norm: float
-    drag: float
-    lags: bool
-    multiplier: float
-
-    @property
-    def iterations(self) -> int: ...
-
-    @property
-    def unstable(self) -> bool:
-        """Whether the last K is known to have negative eigenvalues."""
-
-    def solve(
-        self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
-    ) -> Sequence[Array]:
-        """Solve for one or several right-hand sides; collective.
-
-        Args:
-            forces: Forces on owned dofs; ignored at prescribed ones [N].
-            moved: du of owned dofs for each of them, used at prescribed ones only [mm].
-            rtol: Relative tolerance of iterative solves; for the second and later ones that of the
-                sum with the multiplier, if it is known.
-
-        Returns:
-            du of owned dofs, not finite where K is singular [mm].
-        """
-
-    def respond(self, forces: Sequence[Array], moved: Sequence[Array]) -> list[tuple[Array, Array]]:
-        """As :meth:`solve`, precisely and with K of the current state, and the product K.du for all
-        owned dofs, prescribed ones included [N]; collective."""
-
-    def product(self, du: Array) -> Array:
-        """K.du with the last K, for owned dofs; undefined at prescribed ones [N]."""
-
-    def free(self) -> None:
-        """Free the PETSc objects; collective."""
-
-
-class AssembledSystem:
-    """Systems with an assembled tangent; see :class:`System`.
 
     Args:
         problem: The problem.
@@ -96,7 +45,7 @@ class AssembledSystem:
 
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
-        drag: Added to the diagonal of K, relative to the norm; at finite strain only.
+        drag: Added to the diagonal of K, relative to the norm.
         lags: Whether the last K is reused once, with all right-hand sides but the first.
         multiplier: What the second solution is multiplied with, over the norm of the first forces;
             0 if nothing is known of it [1/N].
@@ -172,7 +121,17 @@ class AssembledSystem:
         return self._linear.unstable or self._released
 
     def solve(self, forces: Sequence[Array], moved: Sequence[Array], rtol: float) -> list[Array]:
-        """Solve K.du = forces for several right-hand sides; collective."""
+        """Solve K.du = forces for one or several right-hand sides; collective.
+
+        Args:
+            forces: Forces on owned dofs; ignored at prescribed ones [N].
+            moved: du of owned dofs for each of them, used at prescribed ones only [mm].
+            rtol: Relative tolerance of iterative solves; for the second and later ones that of the
+                sum with the multiplier, if it is known.
+
+        Returns:
+            du of owned dofs, not finite where K is singular [mm].
+        """
         if self.lags:
             first = self._solve_held(forces[:1], moved[:1], rtol)
             self._found = self._release(np.array(forces[:1]), first) + self._found[1:]
@@ -363,7 +322,7 @@ class AssembledSystem:
         return self.product(du) if global_any(self._comm, du.any()) else 0.0
 
     def product(self, du: Array) -> Array:
-        """K.du with the last K, of owned dofs [N]; collective."""
+        """K.du with the last K, of owned dofs, undefined at prescribed ones [N]; collective."""
         self._x.array[:] = du
         self._tangent.mult(self._x, self._b)
         return self._b.array + self._of_gradient(du)

@@ -27,7 +27,7 @@ from ..base.timers import timer
 from ..compat import SNES_REASONS
 from ..domain.topology import box_sides
 from ..linear.ksp import MAX_RTOL, linear_tolerance
-from ..linear.system import AssembledSystem, System
+from ..linear.system import System
 from ..problem.problem import Problem
 from ..problem.states import RunScales
 from ..problem.step import cause
@@ -57,7 +57,7 @@ class Corrector:
     def __init__(self, problem: Problem, options: SolveOptions):
         self.discretization = problem.discretization
         self._problem, self._options = problem, options
-        self._system: System = AssembledSystem(problem, options.petsc)
+        self._system = System(problem, options.petsc)
         # lambda is the last unknown of the first rank.
         local = problem.discretization.owned + (problem.comm.rank == 0)
         self._snes = Snes(problem.comm, local, options)
