@@ -174,8 +174,8 @@ class ImplicitSteps:
         if self._rate is not None:
             self._system.inertia.append((self._rate, 1 / share))
         self._moves = self._supports.at(t - h, t, t + h)
-        self._snes.x.array[:] = u0 + h * v0 + h**2 * a0 / 2
-        converged, reason = self._snes.solve(self, searches=True)
+        start = u0 + h * v0 + h**2 * a0 / 2
+        converged, reason = self._snes.solve(self, start, searches=True)
         word = step.invalid() if converged else cause(step.discretization, reason)
         if not word and not step.stabilization_suffices():
             word = "STABILIZATION_OUTGROWN"
@@ -250,41 +250,38 @@ class ImplicitSteps:
         self._damping.mult(x, y)
         return y.array.copy()
 
-    # Called by PETSc
+    # Called by PETSc, see :class:`.Equations`
 
-    def residual(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+    def residual(self, x: Array) -> Array:
         """The equilibrium of mean forces, divided by 1 - alpha_f, on free dofs."""
         problem, u = self._problem, self._problem.u.x
-        u.array[: self._owned] = x.array_r
+        u.array[: self._owned] = x
         u.scatter_forward()
         u.array[problem.loading.prescribed] = problem.loading.prescribed_values(problem.t)
         R = problem.step.assemble_residual(self._dt)
         a1 = self._acceleration()
-        f.array[:] = R + self._known + self._inertia * self._motion.of(a1)
-        f.array[:] += self._drag(self._velocity(a1))
+        forces = R + self._known + self._inertia * self._motion.of(a1)
+        forces += self._drag(self._velocity(a1))
         if self._rate is not None:
             start = self._problem.step.start.u
             # In the middle of the step, so that it is no part of the mean of its ends.
             rate = self._motion.damping.resist(start, self._dt)
-            f.array[:] += rate / self._share
+            forces += rate / self._share
         self._loads = global_norm(self._comm, R)
-        problem.loading.balance(f.array)
+        return problem.loading.balance(forces)
 
-    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """A correction; PETSc subtracts it."""
+    def correction(self, residual: Array) -> Array:
+        """By the tangent with inertia and damping."""
         if self._rate is not None:
             self._motion.damping.tangent(self._rate)
-        right = b.array_r.copy()
-        x.array[:] = self._system.solve([right], [np.zeros_like(right)], self._rtol)[0]
-        ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)
+        return self._system.solve([residual], [np.zeros_like(residual)], self._rtol)[0]
 
-    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """The tangent on free dofs, for the slope of a line search."""
-        y.array[:] = self._problem.loading.balance(self._system.product(x.array_r.copy()))
+    def product(self, way: Array) -> Array:
+        """The tangent on free dofs."""
+        return self._problem.loading.balance(self._system.product(way))
 
-    def test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
+    def test(self, norm: float) -> int:
         """Converged where forces balance to the tolerance, or to rounding."""
-        norm = norms[2]
         self._norms.append(norm)
         self._forces = max(self._forces, norm, self._loads)
         floor = rounding_of_forces(self._problem, self._size, self._system.norm)

@@ -33,7 +33,7 @@ from ..problem.states import RunScales
 from ..problem.step import cause
 from .attempt import Attempt
 from .iterate import Iterate
-from .limits import Direction, Limits, Reach
+from .limits import Direction, Limits, Reach, packed, unpacked
 from .onset import Pieces
 from .options import SolveOptions
 from .parameter import Rate
@@ -58,9 +58,8 @@ class Corrector:
         self.discretization = problem.discretization
         self._problem, self._options = problem, options
         self._system = System(problem, options.petsc)
-        # lambda is the last unknown of the first rank.
-        local = problem.discretization.owned + (problem.comm.rank == 0)
-        self._snes = Snes(problem.comm, local, options)
+        # lambda is the last unknown of every rank, the same on all of them.
+        self._snes = Snes(problem.comm, problem.discretization.owned + 1, options)
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._rounds, self._softest = False, 0.0
         self._pieces = Pieces(problem.discretization)
@@ -90,9 +89,8 @@ class Corrector:
         newton = _Newton(problem, self._options, self._system, iterate, self._size, dt)
         with timer("predictor"):
             newton.predict(last)
-        self._snes.snes.setLineSearchPreCheck(newton.draw_back)
-        newton.show(self._snes.x)
-        converged, reason = self._snes.solve(newton, searches=limits.by_load_alone)
+        start, searches = packed(iterate.place()), limits.by_load_alone
+        converged, reason = self._snes.solve(newton, start, searches, newton.longest)
         reason = reason if converged else cause(problem.discretization, reason)
         found = newton.attempt()
         # The forces of a failed attempt do not count for the run.
@@ -154,8 +152,7 @@ class _Newton:
         dt: float,
     ):
         self._problem, self._comm, self._step = problem, problem.comm, problem.step
-        self._loading, self._owned = problem.loading, problem.discretization.owned
-        self._options, self._numbers = options, options.path
+        self._loading, self._options, self._numbers = problem.loading, options, options.path
         self._system, self._iterate, self._size, self._dt = system, iterate, size, dt
         self._ends_at_target = True
         self._norms: list[float] = []
@@ -265,59 +262,40 @@ class _Newton:
             self._system.multiplier = abs(change) / self._norms[-1]
         return zero.plus(one, change)
 
-    # Called by PETSc
+    # Called by PETSc, see :class:`.Equations`
 
-    def show(self, x: PETSc.Vec) -> None:
-        """Write displacement and load factor into a vector of PETSc."""
-        here = self._iterate.place()
-        x.array[: self._owned] = here.u
-        x.array[self._owned :] = here.t
-
-    def _read(self, x: PETSc.Vec) -> Direction:
-        """A vector of PETSc, lambda on all ranks."""
-        last = float(x.array_r[-1]) if self._comm.rank == 0 else None
-        return Direction(x.array_r[: self._owned].copy(), self._comm.bcast(last))
-
-    def residual(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+    def residual(self, x: Array) -> Array:
         """R on free dofs; the entry of lambda is zero."""
-        place = self._read(x)
+        place = unpacked(x)
         farthest = global_max(self._comm, float(np.abs(place.u).max(initial=0.0)))
         if not self._numbers.small * farthest <= self._size:
-            f.set(np.nan)
-            return
+            return np.full_like(x, np.nan)
         self._iterate.map(place)
         self._problem.discretization.assemble_residual(None, False, self._loading.vector)
-        f.set(0.0)
-        f.array[: self._owned] = self._iterate.forces()
+        return np.append(self._iterate.forces(), 0.0)
 
-    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """J.x = b by block elimination; PETSc subtracts x."""
-        correction = self._correct(-b.array_r[: self._owned])
-        x.array[: self._owned] = -correction.u
-        x.array[self._owned :] = -correction.t
-        ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)
+    def correction(self, residual: Array) -> Array:
+        """By block elimination."""
+        return -packed(self._correct(-residual[:-1]))
 
-    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """J.x = K.du - f dlambda on free dofs, for the slope of a line search."""
-        direction = self._read(x)
-        y.set(0.0)
-        forces = self._system.product(direction.u)
+    def product(self, way: Array) -> Array:
+        """J.x = K.du - f dlambda on free dofs."""
+        du, dt = unpacked(way)
+        forces = self._system.product(du)
         if self._rate is not None:
-            forces = forces - direction.t * self._rate.forces
-        y.array[: self._owned] = self._loading.balance(forces)
+            forces = forces - dt * self._rate.forces
+        return np.append(self._loading.balance(forces), 0.0)
 
-    def draw_back(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
-        """Shorten a correction that would exceed the damage work of the step by far."""
-        start, way = self._read(x), self._read(y)
-        length = self._iterate.allowed(start, Direction(-way.u, -way.t), 1.0)
-        if length < 1.0:
-            self._ends_at_target = False
-            y.scale(length)
-        return length < 1.0
+    def longest(self, start: Array, way: Array) -> float:
+        """Which part of a correction that would exceed the damage work of the step by far is
+        made."""
+        length = self._iterate.allowed(unpacked(start), unpacked(-way), 1.0)
+        self._ends_at_target &= length == 1.0
+        return length
 
-    def test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
-        """Test for convergence at the end of the step, or for stagnation."""
-        norm, reaction = norms[2], self._iterate.reaction()
+    def test(self, norm: float) -> int:
+        """Convergence at the end of the step, or stagnation."""
+        reaction = self._iterate.reaction()
         self._norms.append(norm)
         if not np.isfinite(norm + reaction):
             return SNES_REASONS["DIVERGED_FNORM_NAN"]

@@ -39,6 +39,16 @@ class Direction(NamedTuple):
         return Direction(self.u + length * way.u, self.t + length * way.t)
 
 
+def packed(place: Direction) -> NDArray[np.float64]:
+    """Displacement and parameter in one array (owned + 1,)."""
+    return np.append(place.u, place.t)
+
+
+def unpacked(x: NDArray[np.float64]) -> Direction:
+    """The inverse of :func:`packed`, a copy."""
+    return Direction(x[:-1].copy(), float(x[-1]))
+
+
 class Reach(NamedTuple):
     """Values of the limited quantities at a state of a step, or their rates along a direction.
 

@@ -1,20 +1,26 @@
-"""PETSc SNES for equations that solve their own linear systems, and when its iteration ends."""
+"""PETSc SNES for equations that solve their own linear systems, and when its iteration ends.
+
+What PETSc calls passes arrays in and out, so that equations know no vectors of PETSc.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.parallel import global_max
 from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
 from ..linear.ksp import destroy, set_options, warn_of_unused
 from ..problem.problem import Problem
 from .options import SolveOptions
+
+Array = NDArray[np.float64]
 
 #: The line search: backtracking by halves, or full steps.
 KIND = "snes_linesearch_type"
@@ -23,15 +29,33 @@ _REASONS = {value: name for name, value in SNES_REASONS.items()}
 
 
 class Equations(Protocol):
-    """Callbacks of PETSc for residual, linear solver, matrix and convergence test."""
+    """R(x) = 0 with the tangent J, over the unknowns of this rank; all methods are collective."""
 
-    def residual(self, snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None: ...
+    def residual(self, x: Array) -> Array:
+        """R at a state."""
 
-    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None: ...
+    def correction(self, residual: Array) -> Array:
+        """J^-1.R, which is subtracted from the state of the last residual."""
 
-    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None: ...
+    def product(self, way: Array) -> Array:
+        """J along a direction, for the slope of a line search."""
 
-    def test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int: ...
+    def test(self, norm: float) -> int:
+        """PETSc's reason to end the iteration at a norm of R, or to continue it."""
+
+
+class _Linear:
+    """The contexts of PETSc for the linear solver and the matrix."""
+
+    def __init__(self, equations: Equations):
+        self._equations = equations
+
+    def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        x.array[:] = self._equations.correction(b.array_r)
+        ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)
+
+    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        y.array[:] = self._equations.product(x.array_r)
 
 
 class Snes:
@@ -42,20 +66,17 @@ class Snes:
         local: Number of unknowns of this rank.
         options: Options of the solver.
 
-    Attributes:
-        x: The unknowns.
-        snes: PETSc's object.
     """
 
     def __init__(self, comm: MPI.Comm, local: int, options: SolveOptions):
-        self.x = PETSc.Vec().createMPI((local, None), comm=comm)
-        self._residual = self.x.duplicate()
+        self._x = PETSc.Vec().createMPI((local, None), comm=comm)
+        self._residual = self._x.duplicate()
         self._matrix = PETSc.Mat().create(comm)
         self._matrix.setSizes(((local, None), (local, None)))
         self._matrix.setType(PETSc.Mat.Type.PYTHON)
-        self.snes = PETSc.SNES().create(comm)
-        self.snes.getKSP().setType(PETSc.KSP.Type.PYTHON)
-        self.snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
+        self._snes = PETSc.SNES().create(comm)
+        self._snes.getKSP().setType(PETSc.KSP.Type.PYTHON)
+        self._snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
         self._kind = ""  # of the line search so far
         # By halves, independently of the norm of the correction.
@@ -63,38 +84,59 @@ class Snes:
         halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
         halves |= UNBOUNDED_SEARCH
         search = {f"snes_linesearch_{name}": value for name, value in halves.items()}
-        set_options(self.snes, search | {"snes_stol": 0.0} | self._own)
+        set_options(self._snes, search | {"snes_stol": 0.0} | self._own)
 
-    def solve(self, equations: Equations, searches: bool) -> tuple[bool, str]:
-        """Solve from :attr:`x` on; collective.
+    def solve(
+        self,
+        equations: Equations,
+        start: Array,
+        searches: bool,
+        longest: Callable[[Array, Array], float] | None = None,
+    ) -> tuple[bool, str]:
+        """Solve from a state on; collective.
 
         Args:
-            equations: Callbacks.
+            equations: The equations.
+            start: The unknowns of this rank at first.
             searches: Whether corrections are halved that do not reduce the residual.
+            longest: Which part of a correction may be made at most, from the state and the
+                correction; None for all of it.
 
         Returns:
             Whether it has converged, and PETSc's reason.
         """
-        self.snes.setFunction(equations.residual, self._residual)
-        self.snes.setJacobian(lambda *_: None, self._matrix)
-        self.snes.setConvergenceTest(equations.test)
-        self.snes.getKSP().setPythonContext(equations)
-        self._matrix.setPythonContext(equations)
+
+        def residual(_: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+            f.array[:] = equations.residual(x.array_r)
+
+        def shorten(x: PETSc.Vec, y: PETSc.Vec) -> bool:
+            length = longest(x.array_r, y.array_r) if longest else 1.0
+            y.scale(length)
+            return length < 1.0
+
+        self._x.array[:] = start
+        linear = _Linear(equations)
+        self._snes.setFunction(residual, self._residual)
+        self._snes.setJacobian(lambda *_: None, self._matrix)
+        self._snes.setConvergenceTest(lambda _, __, norms: equations.test(norms[2]))
+        self._snes.setLineSearchPreCheck(shorten)
+        self._snes.getKSP().setPythonContext(linear)
+        self._matrix.setPythonContext(linear)
         self._matrix.setUp()
         kind = self._own.get(KIND, "bt" if searches else "basic")
         if kind != self._kind:
-            PETSc.Options(self.snes.getOptionsPrefix())[KIND] = self._kind = kind
-            self.snes.setFromOptions()
-        self.snes.solve(None, self.x)
+            PETSc.Options(self._snes.getOptionsPrefix())[KIND] = self._kind = kind
+            self._snes.setFromOptions()
+        self._snes.solve(None, self._x)
         if self._own:
-            warn_of_unused(self.snes)
-        reason = self.snes.getConvergedReason()
+            warn_of_unused(self._snes)
+        reason = self._snes.getConvergedReason()
         return reason > 0, _REASONS.get(reason, str(reason))
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-        destroy(self.snes)
-        for item in (self.x, self._residual, self._matrix):
+        destroy(self._snes)
+        for item in (self._x, self._residual, self._matrix):
             item.destroy()
 
 
