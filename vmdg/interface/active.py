@@ -70,7 +70,6 @@ class ActiveInterface:
         history: Converged history of the points.
         values: Values at the points at the last residual.
         fluid: Fluid between the crack faces; None for none.
-        at_rest: Whether the step starts from undeformed bodies.
     """
 
     def __init__(
@@ -99,8 +98,8 @@ class ActiveInterface:
         self._resumed: NDArray[np.float64] | None = None
         self._overstress_modulus: NDArray[np.float64] | None = None
         self._cycles: NDArray[np.float64] | None = None
-        # Facets that were taken in during a step from undeformed bodies.
-        self.at_rest, self._kept = False, np.zeros(0, dtype=np.intp)
+        # Whether the step starts from undeformed bodies; facets that were taken in during it.
+        self._at_rest, self._kept = False, np.zeros(0, dtype=np.intp)
 
     def _make_stabilizer(self) -> Stabilizer:
         return Stabilizer(self.interface, self.quadrature, self._u, self._bodies)
@@ -140,8 +139,8 @@ class ActiveInterface:
         energy (30) at this rank's points [N mm; N in plane strain]; collective."""
         q, r, out = self.quadrature, self.stabilization.norm, self._idle()
         moved = global_any(q.mesh.comm, self._u.x.array.any())
-        self.at_rest, self._kept = not moved, self._labels[:0]
-        if self.at_rest or not out.any():
+        self._at_rest, self._kept = not moved, self._labels[:0]
+        if self._at_rest or not out.any():
             return 0.0
         trial = self.trial()
         out[q.facet[self._widths(trial) <= 0]] = False
@@ -263,7 +262,7 @@ class ActiveInterface:
         if out.any():
             known = replace(known, weights=self.stabilizer.flux_weights(known.delta))
         trial = self._return_map.trial(known, self.history, self._overstress_modulus, self._cycles)
-        if closes and self.at_rest and lets_go(self):
+        if closes and self._at_rest and lets_go(self):
             opened = self._idle() & ~np.isin(self._labels, self._kept)
             opened[q.facet[self._widths(trial) <= 0]] = False
             if (opened & ~out).any():
@@ -381,18 +380,6 @@ class ActiveInterface:
         too."""
         if self.law.inelastic:
             self.history = replace(self.history, traction=traction_in_frame(self.values))
-
-    def take_overlap(self) -> None:
-        """:meth:`take_traction` of points that overlap at the start. Others carry nothing, and
-        those that touch have no gap: with a rounding of these they would count as loaded, or as
-        open."""
-        self.take_traction()
-        q = self.quadrature
-        along, rounding = dot(q.distance, q.normal), NO_GAP * q.extent[q.facet]
-        apart, touches = (rows[:, None] for rows in (along >= -rounding, np.abs(along) <= rounding))
-        traction = np.where(apart, 0.0, self.history.traction)
-        gap = np.where(touches, 0.0, self.history.gap)
-        self.history = replace(self.history, traction=traction, gap=gap)
 
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""
@@ -519,10 +506,27 @@ def take_in(active: ActiveInterface) -> None:
         active._leave_out(np.zeros(len(active.facets.facets), dtype=bool))
 
 
+def at_rest(active: ActiveInterface) -> bool:
+    """Whether the step starts from undeformed bodies, and facets may be left out in it."""
+    return active._at_rest
+
+
+def take_overlap(active: ActiveInterface) -> None:
+    """Copy the traction of points that overlap at the start into the history. Others carry nothing,
+    and those that touch have no gap: with a rounding of these they would count as loaded, or as
+    open."""
+    active.take_traction()
+    q, history = active.quadrature, active.history
+    along, rounding = dot(q.distance, q.normal), NO_GAP * q.extent[q.facet]
+    apart, touches = (rows[:, None] for rows in (along >= -rounding, np.abs(along) <= rounding))
+    traction = np.where(apart, 0.0, history.traction)
+    active.history = replace(history, traction=traction, gap=np.where(touches, 0.0, history.gap))
+
+
 def goes_on(active: ActiveInterface) -> None:
     """No more facets are left out, also where bodies were undeformed when tau_s was set: without an
     iteration in which forces balance, the energy would jump."""
-    active.at_rest = False
+    active._at_rest = False
 
 
 def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..laws import Mode
 from ..laws.base import dot
-from .active import ActiveInterface
+from .active import ActiveInterface, at_rest
 from .values import PointValues
 
 Points = NDArray[np.bool_]
@@ -43,7 +43,7 @@ def open_free_points(active: ActiveInterface) -> None:
     all at once; in the first step, where they may close as well, they are treated as closed.
     """
     r = active.stabilization.norm[active.quadrature.facet][:, None, None]
-    points = touching_points(active) if active.at_rest else free_points(active)
+    points = touching_points(active) if at_rest(active) else free_points(active)
     _assume(active, points, np.eye(active.quadrature.d) / r)
 
 

@@ -328,7 +328,7 @@ class MovingInterface(ActiveInterface):
         super()._leave_out(out)
         known, taken_in = self.stabilization, self._labels[~out]
         assert isinstance(known, PairStabilization)
-        if known.taken_in is not None and not self.at_rest:  # others may come back in this step
+        if known.taken_in is not None and not self._at_rest:  # others may come back in this step
             taken_in = np.union1d(known.taken_in, taken_in)
         self.stabilization = replace(known, taken_in=taken_in)
 

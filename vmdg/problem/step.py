@@ -12,7 +12,7 @@ from ..assembly.means import lattice_of
 from ..assembly.space import at_owners
 from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
-from ..interface.active import ActiveInterface, damage_work, goes_on
+from ..interface.active import ActiveInterface, damage_work, goes_on, take_overlap
 from ..interface.guess import (
     hold_points,
     hold_sliding_points,
@@ -94,7 +94,7 @@ class Step:
         if apart:
             self.assemble_residual(hold=True)
             for active in apart:
-                active.take_overlap()
+                take_overlap(active)
             self.ledger.enter_opening(now.stored_energy().sum())
 
     # The course of a step

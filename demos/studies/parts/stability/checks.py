@@ -284,10 +284,10 @@ def admissible(run: Run) -> list[str]:
 def _flux_rounding(run: Run) -> float:
     """Rounding of {P.N}, gradients of cells as thin as they come [MPa]."""
     thinnest = min(np.diff(line).min() for line in run.case.mesh.lines)
-    return 100 * EPS * _stiffest(run) * run.reach / thinnest
+    return 100 * EPS * stiffest(run) * run.reach / thinnest
 
 
-def _stiffest(run: Run) -> float:
+def stiffest(run: Run) -> float:
     """Largest modulus of confined tension [MPa]."""
     return max(map(_confined, run.case.materials.values()))
 
@@ -439,7 +439,7 @@ def energy_balance(run: Run) -> list[str]:
     no better than the rounding of W.
     """
     found = []
-    rounding = 10 * EPS * _stiffest(run) * run.reach**run.case.mesh.d
+    rounding = 10 * EPS * stiffest(run) * run.reach**run.case.mesh.d
     borne = sum(
         state.weights.sum()
         * np.max([*map(np.max, (law.strength, getattr(law, "shear_strength", 0)))])
@@ -462,7 +462,7 @@ def energy_balance(run: Run) -> list[str]:
             bound += load * np.abs(after.u - before.u).max()
         strains = [_swelling(run.case, record.t) for record in (before, after)]
         grown, most = np.abs(strains[1] - strains[0]).max(), np.abs(strains).max()
-        bound += _stiffest(run) * most * grown * run.case.mesh.size.prod()
+        bound += stiffest(run) * most * grown * run.case.mesh.size.prod()
         bound, last = bound + last, bound
         change = abs(after.energy.imbalance - before.energy.imbalance)
         if jumped:
