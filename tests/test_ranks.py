@@ -30,6 +30,7 @@ def test_any_number_of_ranks(tmp_path):
     compare(SCENES, (3,), tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
 def test_bodies_meshed_separately(tmp_path):
     """Bonds between curved and straight meshes 2:3, blocks that slide, on one rank and on two."""

@@ -294,7 +294,7 @@ def test_run_goes_on_in_any_unit(comm, out):
     assert rows[0][0] > 0
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
+@pytest.mark.parametrize("kinematics", ["small", pytest.param("finite", marks=pytest.mark.long)])
 def test_load_factor(comm, kinematics):
     """A path along which points break one by one, to the last bit."""
     law = vmdg.Debonding(vmdg.Weibull(30.0, 6.0, seed=2), 0.02, unloading="secant")

@@ -17,7 +17,6 @@ WORDS = "precious"
 
 
 def pulled(comm) -> vmdg.Problem:
-    """Two squares that are pulled apart."""
     tagged = blocks(comm, "quadrilateral")
     problem = joined(tagged, vmdg.Debonding(15.0, 0.05))
     problem.dirichlet(tagged.facet_tags.find(1), 0.0)

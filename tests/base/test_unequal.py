@@ -29,27 +29,22 @@ def joined(law=None, body=None, density=None, held=True, interface=None, **given
 
 
 def right(x):
-    """Where the loads are."""
     return np.isclose(x[0], 4.0) | (x[0] >= x[0].max(initial=-9))
 
 
 def loaded(name: str, *given) -> None:
-    """A support or a load."""
     getattr(joined(held=False), name)(right, *given)
 
 
 def run(**options) -> None:
-    """A static run with these options."""
     vmdg.solve(joined(), [1.0], vmdg.SolveOptions(**options))
 
 
 def moved(times=(1e-6, 2e-6), **given) -> None:
-    """A run in time."""
     vmdg.solve_dynamics(joined(density=DENSITY), list(times), **given)
 
 
 def fitted(measured=2.0, start=1.0, sigma=1.0) -> None:
-    """An identification."""
     curve = vmdg.Curve([0.1, 0.2], [1.0, measured])
     make = lambda values: (joined(), lambda problem: {})  # noqa: E731
     vmdg.identify(make, curve, {"bond.strength": start}, sigma=sigma)

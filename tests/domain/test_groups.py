@@ -19,7 +19,6 @@ LAW = vmdg.Debonding(strength=10.0, critical_gap=0.2)
 
 
 def radius(x):
-    """Level set of the fibre."""
     return np.hypot(x[0] - 0.5, x[1] - 0.5) - 0.25
 
 
@@ -33,14 +32,12 @@ def points(problem: vmdg.Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def make(tagged, materials, **where) -> vmdg.Problem:
-    """Fibre and matrix with one interface."""
     interface = vmdg.Interface(**where, law=LAW)
     return vmdg.Problem(tagged.mesh, tagged.cell_tags, materials, [interface])
 
 
 @pytest.fixture(scope="module")
 def cell(comm):
-    """A fibre in a matrix."""
     return fibre_matrix(comm, "triangle", element_size=0.15)
 
 

@@ -17,12 +17,10 @@ ANGLES, THICKNESS = (0, 20, 20, 0, -20, 90), (0.1, 0.2, 0.1, 0.15, 0.15, 0.3)
 
 
 def ply(angle: float = 0.0) -> vmdg.Orthotropic:
-    """One ply."""
     return vmdg.Orthotropic(**PLY, angle=angle)
 
 
 def stack(bottom: float = 0.0, **options) -> vmdg.Laminate:
-    """All plies."""
     return vmdg.Laminate([ply(angle) for angle in ANGLES], THICKNESS, bottom, **options)
 
 

@@ -101,14 +101,12 @@ def point(material, d: int, swelling: float | None = None, small: bool = False) 
 
 
 def embed(F: NDArray) -> NDArray:
-    """Plane strain."""
     result = np.eye(3)
     result[: len(F), : len(F)] = F
     return result
 
 
 def rotation(rng: np.random.Generator, d: int) -> NDArray:
-    """A random rotation."""
     Q, _ = np.linalg.qr(rng.standard_normal((d, d)))
     Q[:, 0] *= np.sign(np.linalg.det(Q))
     return Q

@@ -125,6 +125,7 @@ def test_prior_and_two_experiments(tmp_path):
         vmdg.identify(*both, start, loads={"first": LOADS}, **arguments)
 
 
+@pytest.mark.long
 def test_spread():
     """Experiments on different ranks give what they give together."""
     curve = measured(bar, BAR, LOADS)
@@ -185,6 +186,7 @@ def tied(values: dict[str, float]) -> tuple[vmdg.Problem, Callable]:
     return problem, lambda problem: {"force [N]": problem.reaction(_end)[0]}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("prior", [True, False])
 def test_profile_interval(prior):
     """The interval from the cost, against that of the closed form, which is not symmetric; without

@@ -66,6 +66,7 @@ def fitted(make: Callable, y: np.ndarray, start: dict[str, float], **options) ->
         return vmdg.identify(make, vmdg.Curve(OPENINGS, y), start, comm=COMM, **options)
 
 
+@pytest.mark.long
 def test_units():
     """The same digits in units 2^20 times as large and small, and up to the tolerance of the runs
     in those 1e6 times as large and small."""
@@ -183,7 +184,7 @@ def test_residuals_that_follow_each_other():
     assert "follow each other" in found.warnings[0]
 
 
-@pytest.mark.parametrize("sigma", [SIGMA, None])
+@pytest.mark.parametrize("sigma", [SIGMA, pytest.param(None, marks=pytest.mark.long)])
 def test_no_doubt(sigma):
     """A fit of noise is not warned of, with its noise in the printout."""
     found = fitted(pulled, forces() + noise(), NEAR, sigma=sigma)
@@ -192,6 +193,7 @@ def test_no_doubt(sigma):
     assert "noise" in str(found)
 
 
+@pytest.mark.long
 def test_own_parameters():
     """The compliance of a machine, by differences of whole runs, next to a strength with direct
     derivatives; a name that changes nothing is one that was mistyped."""
@@ -212,6 +214,7 @@ def test_own_parameters():
         fitted(make, forces(), NEAR | {"bond.frictions": 0.1}, sigma=SIGMA)
 
 
+@pytest.mark.long
 def test_plastic_bodies():
     """The yield stress of a body at points, which has no derivatives along a run."""
 

@@ -41,5 +41,4 @@ class Stream(StringIO):
         self._terminal = terminal
 
     def isatty(self) -> bool:
-        """What it is."""
         return self._terminal

@@ -40,10 +40,7 @@ def cantilever(rows: int = 14, **options) -> vmdg.History:
     problem.dirichlet(tagged.facet_tags.find(RIGHT), 0.0)
     crack = vmdg.CrackGrowth(problem, "bond", start=A_0)
     result = vmdg.solve(
-        problem,
-        0.1 * np.arange(1, rows + 1),
-        vmdg.SolveOptions(energy=True),
-        crack,
+        problem, 0.1 * np.arange(1, rows + 1), vmdg.SolveOptions(energy=True), crack
     )
     assert crack.length == result.history["crack"][-1]
     return result.history
@@ -51,7 +48,6 @@ def cantilever(rows: int = 14, **options) -> vmdg.History:
 
 @pytest.fixture(scope="module")
 def opened():
-    """Of the whole bond."""
     return cantilever()
 
 

@@ -142,7 +142,6 @@ def test_mode_of_a_facet():
 
 
 def at_rest(comm) -> vmdg.Problem:
-    """Two blocks."""
     return couple(blocks(comm, "quadrilateral", (4, 4)), LAW)
 
 
@@ -235,7 +234,10 @@ def run_gone(folder: Path, what: str, ranks: int) -> subprocess.CompletedProcess
 
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
-@pytest.mark.parametrize(("what", "words"), [("gone", "was removed"), ("full", "the disk is full")])
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [pytest.param("gone", "was removed", marks=pytest.mark.long), ("full", "the disk is full")],
+)
 def test_disk_fails(tmp_path, what, words):
     """A clear error on every rank, and the process ends as it should."""
     done = run_gone(tmp_path / "f", what, 2)
@@ -244,7 +246,7 @@ def test_disk_fails(tmp_path, what, words):
 
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
-@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_disk_that_gets_full_midway(tmp_path, ranks):
     """What writes knows, and not before: an error alone, the end of the job on several ranks."""
     done = run_gone(tmp_path / "f", "midway", ranks)

@@ -26,18 +26,15 @@ SOFT, STIFF = vmdg.NeoHookean(mu=1000.0, lmbda=2000.0), vmdg.NeoHookean(mu=3000.
 
 @pytest.fixture(autouse=True)
 def closed_figures():
-    """No figure outlives its test."""
     yield
     plt.close("all")
 
 
 def bonded(comm, cell: str = "quadrilateral", n: int = 2) -> vmdg.Problem:
-    """Two blocks side by side."""
     return couple(two_blocks(comm, cell, n), LAW, (SOFT, STIFF))
 
 
 def cell_with_fibres(comm, centres, radius: float = 0.2) -> vmdg.Problem:
-    """Fibres in a square of matrix."""
     scene = fibre_matrix(comm, "triangle", 1.0, radius, centres, element_size=0.08)
     return couple(scene, LAW, (STIFF, SOFT))
 
@@ -158,7 +155,6 @@ def test_mode_map_in_3d(comm):
 
 
 def area_of(ax) -> float:
-    """Of all that a map has drawn."""
     boxes = [path.get_extents() for path in ax.collections[0].get_paths()]
     return sum(box.width * box.height for box in boxes)
 

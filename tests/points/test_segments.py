@@ -131,7 +131,6 @@ def test_clipping():
 
 
 def joined(*parts: FlatFacets) -> FlatFacets:
-    """Several surfaces as one."""
     return FlatFacets(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
