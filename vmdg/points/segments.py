@@ -27,8 +27,9 @@ from .facet_tree import FacetTree
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
-#: Cosine of the largest angle between a normal and the reversed normal of a facet opposite to it.
-OPPOSITE = 0.5
+#: Cosine of the largest angle between a normal and the reversed normal of a facet opposite to it: 60
+#: degrees, rounding included.
+OPPOSITE = 0.5 - 1e-9
 
 #: Distance beyond which open pairs are left out where surfaces are paired again in every state,
 #: relative to the larger facet's radius: they exert nothing, so that it decides nothing.
