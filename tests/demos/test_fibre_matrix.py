@@ -53,6 +53,7 @@ def scene(tmp_path_factory) -> vmdg.History:
     return demo.main(critical_gap=0.01, out=str(tmp_path_factory.mktemp("fibre_matrix")))
 
 
+@pytest.mark.long
 def test_scene_runs_through_its_stages(scene):
     """Debonding, kinking, cracks at an edge, separation, in this order and where expected.
 
@@ -69,12 +70,14 @@ def test_scene_runs_through_its_stages(scene):
     assert (scene["jump_steps"] == 0).all()  # so that unstable="trace" gives the same rows
 
 
+@pytest.mark.long
 def test_scene_spends_what_it_is_given(scene):
     """The energies balance within 1% of the work, nothing by viscosity."""
     assert abs(scene["imbalance"]).max() < 0.01 * scene["external"][-1]
     assert abs(scene["viscosity"]).max() < 0.01 * scene["external"][-1]
 
 
+@pytest.mark.long
 def test_cost_of_the_scene(scene):
     """Within its budget."""
     assert not over_budget("fibre and matrix", scene)

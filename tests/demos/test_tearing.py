@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import tearing as demo
 from support.budgets import over_budget
 
@@ -30,6 +31,7 @@ def test_neo_hookean(comm, out):
     assert (out / "tearing_neo-hookean.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_rubber_does_not_tear(out):
     """Ogden, nu = 0.49986: the crack stays and blunts, the force still grows, nothing locks."""
     history = demo.tear("ogden", "coarse", 13, out, lambda problem, strain: None)

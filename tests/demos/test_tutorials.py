@@ -10,6 +10,7 @@ from support.budgets import over_budget
 from vmdg.base.timers import timings, timings_since
 
 
+@pytest.mark.long
 def test_tutorial(comm, out):
     """Coarse: the ply is stiffer than epoxy, then its fibres come off; everything is written."""
     import tutorial
@@ -110,6 +111,7 @@ def test_peeling_of_the_artery():
     assert history["force"][-5:].mean() == pytest.approx(0.5 * stress(x, y)[0], rel=0.03)
 
 
+@pytest.mark.long
 def test_laminate_of_the_tutorial():
     """While the crack runs, the load is that of classical lamination theory."""
     from tutorial_laminate import LAYUPS, open_arms, theory
@@ -143,6 +145,7 @@ def test_delamination_past_its_peak(comm, out):
     assert (out / "tutorial_dcb.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_film_on_a_substrate(comm, out):
     """While the crack grows far from both ends the temperature is that of the closed form.
 
