@@ -35,7 +35,7 @@ from ..domain.materials import Bodies
 from ..domain.topology import box_sides
 from ..laws import Mode
 from ..points.interface import AUTO, Interface
-from ..points.pair_points import PairPoints
+from ..points.pair_points import NO_GAP, PairPoints
 from ..points.pairing import PairedFacets
 from .active import ActiveInterface
 from .coercivity import margin
@@ -375,6 +375,9 @@ class MovingInterface(ActiveInterface):
         if before is None:
             bonded = np.flatnonzero(q.facet < self.facets.bonded)
             gap[bonded] = normal[bonded] = 0.0
+            rounding = NO_GAP * q.extent[q.facet]
+            gap[np.abs(gap) <= rounding[:, None]] = 0.0
+            normal[np.abs(normal) <= rounding] = 0.0
             softening[bonded] *= self._damage[bonded]
             mode[bonded] = Mode.ELASTIC
         elif len(before.rows):
