@@ -64,7 +64,6 @@ class MeanDilatation(_Plain):
     """A geometry whose F and GRAD have an additional entry for theta.
 
     Attributes:
-        theta: Dilatation of the cells.
         pressure: p of the cells, positive in tension [MPa].
     """
 

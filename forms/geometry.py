@@ -93,9 +93,6 @@ class GeneralizedPlane(Cartesian):
 
     The ends of the body stay plane and parallel, F_33 is one number: GRAD u = diag(GRAD u in the
     plane, F_33 - 1). A test or trial function of F_33 is a scalar.
-
-    Attributes:
-        axial: F_33 - 1.
     """
 
     axial: Expr

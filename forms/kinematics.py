@@ -79,8 +79,6 @@ class Body:
     """A material with its parameters at a point, as the forms use it on each side of an interface.
 
     Attributes:
-        material: The strain energy.
-        parameters: UFL expressions of the material's parameters (cell-wise constants).
         small: Small strains: the energy is the quadratic one of the symmetric gradient.
         eigenstrain: Stress-free strain, F = F_e F_s: e with F_s = (1 + e) I, or a symmetric tensor
             (3, 3) with F_s = I + e, without shear out of the plane in 2D; None for none.
@@ -175,7 +173,6 @@ class Body:
         )[0]
 
     def _incremental_energy(self, F: Expr, F_0: Expr) -> Expr:
-        """:meth:`energy` of F relative to its value F_0."""
         strain = ufl.sym((F - F_0) * ufl.inv(F_0))
 
         def energy(e_33: Expr | float) -> Expr:

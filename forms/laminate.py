@@ -97,7 +97,6 @@ class Laminate(Material):
         return self._faces[:-1] + inside, self._faces[1:] - inside
 
     def _at(self, z: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Plies at z."""
         return np.searchsorted(self._levels, z) - 1
 
     def _projection(self, low: float, high: float) -> NDArray[np.float64]:

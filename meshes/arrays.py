@@ -56,10 +56,7 @@ class Block(NamedTuple):
     """Cells or facets of one type in one group; those of several groups are in several blocks.
 
     Attributes:
-        dim: Their dimension.
-        kind: Their gmsh type number.
         nodes: Indices of their points, in gmsh order (n, nodes per cell).
-        group: Tag; 0 where they are in no group.
         entity: Number of the geometric entity they belong to, or of the block.
     """
 
@@ -76,8 +73,6 @@ class MeshArrays:
 
     Attributes:
         points: (n, 3).
-        blocks: Its cells and facets.
-        names: By dimension, tag by name of the group.
         shift: Offset of cell tags relative to the file: tags of gmsh start at 1.
         nodes: Indices of the points in sets of nodes, by name.
     """
@@ -196,7 +191,6 @@ def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]
     """For every point a representative of the points that coincide with it (n,).
 
     Args:
-        mesh: The mesh.
         distance: Points closer than this coincide [mm]; None for rounding only.
 
     Raises:
@@ -337,7 +331,6 @@ def one_group_each(mesh: MeshArrays, groups: Collection[str | int] | None) -> Me
     """Every cell and facet once, in a single group.
 
     Args:
-        mesh: The mesh.
         groups: Names or tags of the groups to use; None for all.
 
     Raises:

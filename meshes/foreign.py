@@ -73,7 +73,6 @@ def read_foreign(
     """The mesh of a file; groups are sets of cells and facets, or integer data of them.
 
     Args:
-        path: The file.
         cell_tags: Name of the cell data used as tags; None for the only integer data.
         facet_tags: Name of the facet data; None for the same.
         form: Name of the format in meshio; None to use the suffix.
@@ -139,7 +138,6 @@ def _read(path: Path, form: str | None) -> Any:
 
 
 def _in_gmsh_order(name: str, nodes: NDArray[np.int64]) -> tuple[int, NDArray[np.int64]]:
-    """gmsh type, and nodes in gmsh order: meshio uses that of VTK."""
     if name not in _KINDS:
         raise ValueError(
             f"it has cells of type {name}; vmdg supports triangles, quadrilaterals, tetrahedra and "
@@ -215,7 +213,6 @@ def _by_tag(block: Block, values: NDArray, shift: int) -> Iterator[Block]:
 def _by_set(
     blocks: list[Block], sets: dict[str, list[NDArray[np.int64]]]
 ) -> tuple[list[Block], dict[str, int]]:
-    """A block for every set and block, and those in no set; tags by the order of the sets."""
     result, names = [], {}
     alone = {block.entity: np.full(len(block.nodes), True) for block in blocks}
     for tag, (name, members) in enumerate(sets.items(), 1):

@@ -143,7 +143,6 @@ def between_bodies(tags: NDArray[np.int32], weight: int) -> Weigh:
 
     Args:
         tags: Bodies of all cells, in the order in which one rank passes them to ``create_mesh``.
-        weight: Weight of cells at interfaces.
 
     Raises:
         ValueError: a weight below 1.

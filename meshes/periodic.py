@@ -22,7 +22,6 @@ def sides(gmsh_model: Any, dim: int, size: float) -> dict[int, list[int]]:
 
     Args:
         gmsh_model: The model, with [0, size]^dim as its outline.
-        dim: Dimension of the cell.
         size: Side of the cell [mm].
     """
     found: dict[int, list[int]] = {tag: [] for pair in PAIRS[:dim] for tag in pair}
@@ -42,9 +41,6 @@ def match_sides(
     """Let gmsh copy the meshes of the low sides to the high ones.
 
     Args:
-        gmsh_model: The model.
-        found: From :func:`sides`.
-        dim: Dimension of the cell.
         size: Side of the cell [mm].
         fit: Tolerance between an entity and its image, relative to the size.
 

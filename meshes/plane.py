@@ -20,8 +20,6 @@ def turn(gmsh_model: Any, gdim: int, plane: Plane | None) -> None:
     """Rotate a 2D gmsh mesh from its plane into z = 0; no action if ``plane`` is None.
 
     Args:
-        gmsh_model: Its nodes are rotated.
-        gdim: Dimension of the mesh.
         plane: Where it lies; None for a plane z = const.
 
     Raises:

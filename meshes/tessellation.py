@@ -63,7 +63,6 @@ def tessellate(
         seeds: (n, d) [mm].
         weights: (n,) [mm2]; equal ones for Voronoi cells.
         size: Side of the cell [mm].
-        periodic: Whether cells continue at the opposite side.
         shortest: Least length of an edge [mm].
 
     Raises:
@@ -268,10 +267,7 @@ def _short_edges(
     """Classes of the ends of short edges (n, 2), by increasing length.
 
     Args:
-        pieces: Pieces of the cell.
-        starts: Number of the first corner of every piece.
         corners: Corners of all pieces (k, d).
-        one: Class of every corner.
         shortest: Length below which an edge is short [mm].
     """
     edges = np.concatenate(
@@ -359,7 +355,6 @@ def _triangles(face: tuple[int, ...], points: NDArray[np.float64]) -> list[tuple
 
     @cache
     def best(i: int, k: int) -> tuple[float, list[tuple[int, ...]]]:
-        """Best triangulation of the corners i to k."""
         found: tuple[float, list[tuple[int, ...]]] = (math.inf, []) if k - i < 2 else (-1.0, [])
         for j in range(i + 1, k):
             one, two = best(i, j), best(j, k)
@@ -382,10 +377,8 @@ def _shared(
 
     Args:
         corners: (n, d), on the sides exactly.
-        one: Class of every corner.
         sides: Marks of the corners on low and on high sides, each (n, d).
         size: [mm].
-        periodic: Whether opposite sides are one.
 
     Returns:
         Points (m, d), the number of the point of every corner (n,), and of every point the number
@@ -416,5 +409,4 @@ def _shared(
 
 
 def _without_repeats(face: NDArray[np.int64]) -> tuple[int, ...]:
-    """Corners of a face, without repeats of merged neighbours."""
     return tuple(int(n) for n, before in zip(face, np.roll(face, 1), strict=True) if n != before)

@@ -60,9 +60,7 @@ class FacetSubmesh:
     """The facets of an interface as a mesh of their own.
 
     Attributes:
-        mesh: Mesh of topological dimension one less.
         facets: Facet of the parent mesh for every cell of ``mesh``, owned ones first.
-        entity_map: What ``dolfinx.fem.form`` wants to relate the two meshes.
     """
 
     mesh: Mesh
@@ -125,9 +123,6 @@ def sparsity(
     It needs a form but no kernel: nothing is compiled.
 
     Args:
-        test: Space of the rows.
-        trial: Space of the columns.
-        cells: Local cells.
         facets: Rows (cell, facet in it, cell, facet in it), flattened.
     """
     integrals = {

@@ -31,7 +31,6 @@ class CellTangents:
     A is derived in UFL and evaluated at the points, the products are those of cell_tangents.c.
 
     Args:
-        u: Displacement.
         bodies: Materials; with mean dilatation the displacement block at fixed theta and p.
     """
 

@@ -40,11 +40,7 @@ Array = NDArray[np.float64]
 
 
 class Dilatation:
-    """theta and p of a displacement, and the products of K with D.
-
-    Args:
-        weak_form: The forms; its geometry holds theta and p.
-    """
+    """theta and p of a displacement, and the products of K with D."""
 
     def __init__(self, weak_form: WeakForm):
         self._weak_form = weak_form
@@ -137,7 +133,6 @@ class Dilatation:
         """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective.
 
         Args:
-            matrix: The matrix.
             parts: The interfaces, with D and the change of :func:`.point_matrices.add_fields`.
         """
         u, theta = FacetJets.displacement, FacetJets.dilatation

@@ -60,13 +60,7 @@ _ALONG_Z = np.diag([0.0, 0.0, 1.0])
 
 
 class Split(NamedTuple):
-    """The bodies in two sets of cells.
-
-    Attributes:
-        near: Residual of the first set.
-        far: Residual of the second.
-        add_near: Adds the tangent of the first.
-    """
+    """The bodies in two sets of cells."""
 
     near: fem.Form
     far: fem.Form
@@ -77,28 +71,17 @@ class Discretization:
     """The broken space on which the displacement lives, its active interfaces, and the assembly.
 
     Args:
-        mesh: The mesh.
-        bodies: Materials.
-        interfaces: The user's interfaces.
-        facets: Open facets of every interface, on this rank.
-        degree: Degree of the displacement.
         lattice: Lattice of a periodic cell; None for other bodies.
         symbolic: Integrate the interface terms of (27) over interior facets in UFL where that form
             exists, see :func:`.is_symbolic`; elsewhere, and if False, they are sums over points.
 
     Attributes:
-        mesh: As given.
-        bodies: As given.
-        degree: As given.
-        geometry: Gradient and measure.
         means: Unknown means of a periodic cell, or F_33; None for none.
         space: Broken space, for a periodic cell that of the fluctuation.
         u: Displacement, for a periodic cell its fluctuation [mm].
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
         active: Interfaces with an open facet on any rank, by number.
-        owned: Number of component-wise dofs this rank owns.
         weak_form: The bodies' terms of (27) and (85) in UFL.
-        surface: Pressures and springs; reset by :meth:`new_surface`.
     """
 
     def __init__(
@@ -400,13 +383,11 @@ class Discretization:
         return axial
 
     def _nodal_forces(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A vector for nodal forces: ``vector`` itself, or with means a separate zero vector."""
         return vector if self.means is None else self.means.clear_forces()
 
     def _add_nodal_forces(
         self, forces: NDArray[np.float64], axial: float, vector: NDArray[np.float64]
     ) -> None:
-        """Add nodal forces of :meth:`_nodal_forces`, and a force on F_33, to ``vector``."""
         if self.means is not None:
             self.means.add_forces(forces, axial, vector)
 
@@ -444,7 +425,6 @@ class Discretization:
 
         Args:
             gradient: E (n, n).
-            adjoint: Use the transposed tangent.
 
         Returns:
             Owned dofs [N].
@@ -486,7 +466,6 @@ class Discretization:
         """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
 
         Args:
-            matrix: From :meth:`create_matrix`.
             damage: False fixes zeta: the damage part of (84) is omitted.
             failing: False omits interfaces that can fail: only ties connect the bodies.
         """
@@ -587,14 +566,7 @@ def interface_forces(parts: Discretization) -> NDArray[np.float64]:
 def _take(
     parts: Discretization, mine: fem.Function, other: Discretization, theirs: fem.Function
 ) -> None:
-    """Copy a field of another discretization cell by cell.
-
-    Args:
-        parts: The discretization.
-        mine: Its field, which is overwritten.
-        other: The other discretization.
-        theirs: Its field.
-    """
+    """Copy a field of another discretization cell by cell."""
     bs = parts.space.dofmap.index_map_bs
     to, of = parts.space.dofmap.list, other.space.dofmap.list
     mine.x.array.reshape(-1, bs)[to] = theirs.x.array.reshape(-1, bs)[of]
@@ -607,11 +579,6 @@ def carried(
 ) -> NDArray[np.float64]:
     """A field in a discretization with more open facets, with the same values in every cell;
     collective.
-
-    Args:
-        values: Values at owned dofs.
-        to: The discretization with more open facets.
-        of: The discretization of the values.
 
     Returns:
         Values at owned dofs of ``to``.

@@ -43,22 +43,16 @@ class MeanSpace:
         broken: Space of the whole displacement, in which opposite faces are independent.
         lattice: Lattice of a periodic cell; None for a body with a surface, which has no mean
             gradient.
-        axial: Whether F_33 is an unknown.
 
     Attributes:
-        lattice: As given.
-        broken: As given.
-        space: Space of w.
         nodes: Node of ``space`` for every local node of ``broken``.
         length: l [mm].
         entries: (i, j) of the means H_ij; (2, 2) is F_33 - 1.
         dofs: Local dofs (component-wise numbers) of the means, on every rank; owned by the first
             rank.
-        rows: The same for all dofs of these nodes.
         anchor: Local dofs of one node of a periodic cell, whose w is determined up to a translation
             in statics.
         fixed: Local dofs that are zero in statics: :attr:`anchor`, and :attr:`spare`.
-        spare: The second dof of the node of F_33.
         x: Positions of the nodes of ``broken`` from the centre of the cell (n, d) [mm].
     """
 
@@ -96,11 +90,6 @@ class MeanSpace:
     ) -> tuple[NDArray[np.int64], int, NDArray[np.int64]]:
         """New number of every local node, number of owned nodes, and numbers of the additional
         nodes.
-
-        Args:
-            merged: Global nodes that have images, ascending.
-            names: The smallest of them and of their images.
-            more: Number of additional nodes.
         """
         comm, imap = self._comm, self.broken.dofmap.index_map
         count = imap.size_local + imap.num_ghosts

@@ -29,8 +29,6 @@ def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.Functio
     owns this cell; names are exchanged between owners and ghosts of cells until nothing changes.
 
     Args:
-        mesh: Mesh with ghosts by shared facets.
-        degree: Polynomial degree.
         cut: Local indices of the interior facets to cut, ghost facets included.
 
     Returns:
@@ -59,7 +57,6 @@ def renumbered(
     """A space with another numbering of its dofs; collective.
 
     Args:
-        space: The space, whose elements are kept.
         numbers: New global number of every dof of every local cell (cells, dofs of a cell).
         size_local: Number of dofs this rank owns, numbered consecutively, rank by rank.
         more: New global numbers of dofs outside all cells, present on every rank.
@@ -173,7 +170,6 @@ def node_pieces(
     A piece is a set of cells connected by nodes of the space.
 
     Args:
-        space: The space.
         joined: Additional pairs of local cells (n, 2) that belong to one piece.
     """
     dofs = space.dofmap.list
@@ -224,12 +220,7 @@ def count_pieces(space: fem.FunctionSpace) -> int:
 
 
 def at_owners(space: fem.FunctionSpace, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """An assembled vector on owned dofs, with ghost contributions added; collective.
-
-    Args:
-        space: Its space.
-        vector: Over local dofs.
-    """
+    """An assembled vector on owned dofs, with ghost contributions added; collective."""
     total = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
     total.array[:] = vector
     total.scatter_reverse(la.InsertMode.add)

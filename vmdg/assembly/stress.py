@@ -23,9 +23,6 @@ class CauchyStress:
 
     Args:
         discretization: Discretization of the problem; its mesh and degree may not change.
-
-    Attributes:
-        function: The stress at the last :meth:`update`.
     """
 
     def __init__(self, discretization: Discretization):

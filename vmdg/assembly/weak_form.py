@@ -27,18 +27,7 @@ class WeakForm:
     """The forms for a displacement with given open facets.
 
     Args:
-        u: Displacement.
-        bodies: Materials.
-        active: Interfaces with open facets.
-        test_space: Space of the test functions of nodal forces.
         symbolic: Integrate the terms of interfaces over interior facets where that form exists.
-
-    Attributes:
-        u: As given.
-        space: Space of the displacement.
-        active: As given.
-        geometry: Gradient and measure.
-        symbolic: As given.
     """
 
     def __init__(

@@ -43,10 +43,6 @@ def together(comm: MPI.Comm, call: Callable[[], T]) -> T:
 
     All ranks raise the error of the lowest failing rank, or a RuntimeError with its message where
     the error cannot be pickled. Return values may differ between ranks.
-
-    Args:
-        comm: The ranks.
-        call: Calls the function.
     """
     if comm.size == 1:
         return call()
@@ -68,10 +64,6 @@ def leave_together(comm: MPI.Comm, error: BaseException) -> None:
 
     Ranks without an error receive it at their next call of a user function; if they wait for this
     rank before that, the job is aborted.
-
-    Args:
-        comm: The ranks.
-        error: Error of this rank.
     """
     if comm.size > 1:
         _first_error(comm, error)
@@ -89,11 +81,8 @@ def same_call(
     It detects ranks that make a different checked call at the same place.
 
     Args:
-        comm: The ranks.
-        call: Name of the call.
         given: Its arguments as text, those that must be equal on all ranks.
         reminder: Seconds that a rank waits for the others before it prints a reminder.
-        limit: Seconds after which it ends the job.
 
     Raises:
         ValueError: ranks differ; on all ranks.
@@ -142,8 +131,6 @@ def same_arguments(comm: MPI.Comm, call: str, **given: Any) -> None:
     """Refuse a collective call that only some ranks make, or with different arguments; collective.
 
     Args:
-        comm: The ranks.
-        call: Name of the call.
         given: Its arguments, those that must be equal on all ranks, see :func:`as_text`.
 
     Raises:
@@ -215,7 +202,6 @@ def _remind(comm: MPI.Comm, waited: str) -> None:
 
 
 def _packed(error: BaseException, rank: int) -> bytes:
-    """An error, pickled."""
     try:
         packed = pickle.dumps(error)
         pickle.loads(packed)
@@ -230,9 +216,6 @@ class Interrupt:
 
     A second one interrupts at once, and the current step is lost. Other signal handlers are
     unchanged.
-
-    Args:
-        comm: The ranks.
     """
 
     def __init__(self, comm: MPI.Comm):

@@ -26,12 +26,6 @@ class Claim:
     Rank 0 locks a file next to them until its process ends, however it ends; the file names the
     process. On file systems without locks nothing is claimed.
 
-    Args:
-        comm: The ranks.
-        path: The lock, a file; folders are made.
-        what: What is written, for messages.
-        nested: Whether this process may have claimed it already.
-
     Raises:
         OSError: another run writes there, or the place is not writable; on all ranks.
     """

@@ -51,7 +51,6 @@ def door(called: Called, inner: bool = True, largest: float = np.inf) -> Called:
     """Decorate a public function, or a class, whose ``__init__`` is decorated.
 
     Args:
-        called: The function or class.
         inner: Whether any error from inside is one of the arguments; not where a run may fail.
         largest: Largest number but a seed, where libraries end the process at larger ones; counts
             are below 1e6.

@@ -15,7 +15,6 @@ def components(
 
     Args:
         first, second: Nodes that every edge joins (edges,), from 0.
-        count: Of nodes.
     """
     ones = np.ones(len(first), dtype=np.int8)
     graph = coo_array((ones, (first, second)), shape=(count, count))

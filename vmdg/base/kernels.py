@@ -103,9 +103,7 @@ class Kernel:
     """A compiled form, expression or C file.
 
     Attributes:
-        name: Its purpose.
         seconds: Time to compile it, or to load it from the cache [s].
-        lines: Lines of C; 0 where it was cached.
     """
 
     name: str
@@ -144,15 +142,7 @@ def compile_form(
     name: str = "form",
     submeshes: Sequence[compat.FacetSubmesh] = (),
 ) -> fem.Form:
-    """Compile a form, or load it from the cache; collective.
-
-    Args:
-        form: What to integrate.
-        comm: Communicator of the mesh.
-        options: Options of DOLFINx's just-in-time compiler.
-        name: For :data:`requested`.
-        submeshes: Further meshes on which coefficients live.
-    """
+    """Compile a form, or load it from the cache; collective."""
     start = perf_counter()
     # Python's import system lists the whole folder for every kernel it loads. With thousands of
     # kernels this takes several milliseconds, as long as the rest of the set-up of a small problem.
@@ -205,13 +195,6 @@ def compile_source(
 ) -> ModuleType:
     """Compile a C file, or load it from the cache; collective.
 
-    Args:
-        source: The file.
-        declaration: Declaration of its functions, for cffi.
-        sizes: Values of its macros.
-        comm: Communicator of the ranks that request it.
-        name: For :data:`requested`.
-
     Returns:
         A module of cffi, with ``lib`` and ``ffi``.
     """
@@ -245,7 +228,6 @@ def call(module: ModuleType, name: str, *arrays: NDArray | None) -> None:
     """Call a function of a module of :func:`compile_source`.
 
     Args:
-        module: The module.
         name: A function of the number of rows of the first array, and of pointers.
         arrays: Contiguous where the function writes to them; NULL for None.
     """
@@ -260,8 +242,6 @@ class PointKernel:
 
     Args:
         expression: A vector, on intervals, one for each point; collective.
-        comm: Communicator of the mesh.
-        name: For :data:`requested`.
 
     Attributes:
         fields: The fields, in the order in which the kernel reads them.
@@ -292,7 +272,6 @@ class PointKernel:
         """Values at some points (n, components), of the present values of the fields.
 
         Args:
-            rows: The points.
             X: Positions of all points (nq, 3).
         """
         values = [f.x.array.reshape(-1, f.function_space.dofmap.index_map_bs) for f in self.fields]
@@ -349,9 +328,6 @@ def _compiled(
     DOLFINx's cache, unless ``options`` name a folder.
 
     Args:
-        comm: The ranks.
-        options: Options of DOLFINx's just-in-time compiler.
-        folder_name: Name of the folder in the cache.
         compile_in: Compiles or loads, with options that name the folder.
 
     Raises:
@@ -423,7 +399,6 @@ def _check_kernels(folder: Path, locked: bool) -> None:
     a truncated library would kill the process.
 
     Args:
-        folder: The folder.
         locked: Whether it is locked, so that no process is writing there.
 
     Raises:

@@ -119,10 +119,7 @@ def group_maxima(
     member of both: values are exchanged between owners and ghosts until nothing changes.
 
     Args:
-        comm: Communicator of the index map.
-        index_map: Index map of the rows.
         values: One row per index, owned ones first, then ghosts; below 2^53, exact in doubles.
-        members: Which of the values belong to a group.
         group: Number of the group on this rank, for each of these.
     """
     result = values.astype(PETSc.ScalarType)

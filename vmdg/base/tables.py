@@ -28,12 +28,7 @@ def short(value: Any) -> str:
 
 
 def html_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table in HTML.
-
-    Args:
-        header: Names of the columns.
-        rows: Values, one per column.
-    """
+    """A table in HTML."""
     lines = [("th", header), *(("td", row) for row in rows)]
     body = (
         "".join(f"<{cell}>{escape(short(value))}</{cell}>" for value in values)

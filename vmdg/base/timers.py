@@ -16,8 +16,6 @@ class Timing(NamedTuple):
     """What a timer has measured on this rank.
 
     Attributes:
-        name: Name of the timer, without "vmdg: ".
-        runs: Number of runs.
         seconds: Wall time [s].
     """
 

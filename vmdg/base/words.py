@@ -17,13 +17,7 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 
 
 def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = None) -> str:
-    """A "Did you mean ...?" for the end of a message; empty where no name is close.
-
-    Args:
-        name: A name that does not exist.
-        names: Names that exist.
-        others: What other programs call some of them.
-    """
+    """A "Did you mean ...?" for the end of a message; empty where no name is close."""
     lower = {name.lower(): name for name in names}
     lower |= {word.lower(): meant for word, meant in (others or {}).items()}
     close = dict.fromkeys(lower[word] for word in get_close_matches(name.lower(), lower, n=3))
@@ -35,10 +29,6 @@ def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = Non
 def checked_path(what: str, path: Any) -> Path:
     """A path that a user gives.
 
-    Args:
-        what: Function and argument, for the message.
-        path: What is given.
-
     Raises:
         TypeError: it is not a path.
     """
@@ -49,9 +39,6 @@ def checked_path(what: str, path: Any) -> Path:
 
 def as_numbers(values: Any) -> NDArray[np.float64]:
     """The user's values as an array of floats; numpy alone would convert text such as "3.0".
-
-    Args:
-        values: A number, or an array of any shape.
 
     Raises:
         ValueError: one of them is text or complex, of which numpy would drop a part.
@@ -68,11 +55,6 @@ def as_numbers(values: Any) -> NDArray[np.float64]:
 
 def at_points(function: Callable[..., Any], *arguments: Any, what: str = "") -> Any:
     """Call a user's function of points x (3, n).
-
-    Args:
-        function: What the user gave.
-        arguments: The points first.
-        what: Begins the message.
 
     Raises:
         ValueError: it is written for one point.
@@ -95,9 +77,6 @@ def near_keywords(**others: str) -> Callable[[Called], Called]:
     Python itself (3.13, and not in the ``__init__`` of data classes whose names differ by more than
     a few letters) names one that is spelt nearly the same. The signature stays as it is, for
     editors and for :func:`inspect.signature`.
-
-    Args:
-        others: What other programs call some keywords: ``rtol="relative_tolerance"``.
     """
 
     def decorate(called: Called) -> Called:

@@ -60,9 +60,6 @@ def write_files(
     """Replace the content of the folder; collective.
 
     Args:
-        comm: The ranks.
-        folder: Made if missing.
-        about: The description, used from rank 0.
         arrays: This rank's rows by name; the file contains the rows of all ranks in order.
 
     Raises:
@@ -112,8 +109,6 @@ def read_description(
     """The complete folder and its description, None if there is none; collective.
 
     Args:
-        comm: The ranks.
-        folder: As for :func:`write_files`.
         version: "format" of a description with checksums; others are returned unchecked.
 
     Raises:
@@ -255,14 +250,12 @@ def _empty_slot(folder: Path) -> Path:
 
 
 def _of_all_ranks(comm: MPI.Comm, rows: NDArray) -> Iterator[NDArray]:
-    """The rows of all ranks in order, on rank 0."""
     yield rows
     for rank in range(1, comm.size):
         yield comm.recv(source=rank)
 
 
 def _header(rows: NDArray, count: int) -> bytes:
-    """Header of a .npy file of ``count`` such rows."""
     header = io.BytesIO()
     described = np.lib.format.header_data_from_array_1_0(rows)
     np.lib.format.write_array_header_2_0(header, described | {"shape": (count, *rows.shape[1:])})
@@ -270,7 +263,6 @@ def _header(rows: NDArray, count: int) -> bytes:
 
 
 def _name_latest(folder: Path, line: str) -> None:
-    """Name the complete folder atomically."""
     with replacing(folder / _LATEST) as file:
         _write_to(file, [line.encode()])
     _sync(folder)

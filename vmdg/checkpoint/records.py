@@ -59,8 +59,6 @@ def cell_records(
     """Fields and node positions of every cell, in input order; collective.
 
     Args:
-        space: Space of the fields.
-        arrays: Their values at local dofs by name.
         places: The same space, for a periodic cell the one without merged opposite faces.
         rows: Values of every local cell (cells, n) by name.
 
@@ -105,9 +103,6 @@ def restore_fields(
 
     Args:
         space: Space of the fields; dofs outside all cells are zero.
-        records: Records of all cells.
-        places: As for :func:`cell_records`.
-        rows: Names of values that are no fields.
 
     Raises:
         ValueError: a node has another position; on this rank only.

@@ -30,9 +30,6 @@ def check_cells(mesh: Mesh) -> None:
     and the two cells of a facet must lie on different sides of it; this is the only sign of an
     inverted simplex.
 
-    Args:
-        mesh: Mesh with facet ghosts, if distributed.
-
     Raises:
         ValueError: names a cell, where it is and what is wrong.
     """

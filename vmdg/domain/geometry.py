@@ -42,12 +42,7 @@ def make_geometry(
     """The geometry that the forms work with; collective.
 
     Args:
-        mesh: The mesh.
-        symmetry: None or "axisymmetric".
         thickness: Thickness of a plane body [mm].
-        volumetric: "pointwise" or "mean".
-        degree: Degree of the displacement.
-        periodic: Whether the mesh is a periodic cell.
         axial: Whether F_33 of a plane body is an unknown.
 
     Raises:
@@ -130,7 +125,6 @@ def rigid_motions(x: NDArray[np.float64], geometry: Geometry) -> NDArray[np.floa
 
     Args:
         x: Points (n, d).
-        geometry: Geometry of the problem.
     """
     d = x.shape[1]
     translations = [np.tile(direction, (len(x), 1)) for direction in np.eye(d)]
@@ -150,7 +144,6 @@ def rigid_part(comm: MPI.Comm, x: Array, y: Array) -> tuple[Array, Array, Array]
         R = argmin sum_i |y_i - c' - R (x_i - c)|^2,    c and c' the mean positions.
 
     Args:
-        comm: Communicator.
         x: Points of this rank (n, d) [mm].
         y: Their images (n, d) [mm].
 

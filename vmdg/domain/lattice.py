@@ -107,7 +107,6 @@ def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
     """The lattice of a mesh; collective.
 
     Args:
-        mesh: Mesh of a cell.
         vectors: Its sides, one per row (d, d); None for those of its bounding box [mm].
 
     Raises:

@@ -33,7 +33,6 @@ class Strain(Protocol):
 
     Attributes:
         tensor: A tensor (3, 3), not the factor of the identity.
-        uniform: The same in all of the cells.
     """
 
     tensor: bool
@@ -48,7 +47,6 @@ class Region:
     """Cells whose materials differ only in the values of their parameters.
 
     Attributes:
-        body: Its mechanical description for the forms.
         cells: Local cells of the region, owned ones, (n,).
     """
 
@@ -60,27 +58,14 @@ class Bodies:
     """The regions of a mesh.
 
     Args:
-        mesh: The mesh.
-        tags: Tag of every local cell, ghosts included.
-        materials: Material of every tag.
-        small: Small-strain kinematics.
         eigenstrain: Stress-free strain by tag; None where there is none.
-        geometry: Gradient and measure.
-        degree: Degree of the displacement.
         plane_stress: Zero stress out of the plane instead of zero strain.
 
     Attributes:
-        tags: As given.
-        cells_of: Local cells of every tag, ghosts included.
-        small: As given.
-        geometry: As given.
-        plane_stress: As given.
         walls: Displacement of every tag that is a rigid wall.
         rigid: Marks of local cells that belong to a rigid wall.
         mean_dilatation: Whether J is constant in a cell, from the geometry.
         points: Bodies whose stress is computed at points; None for none.
-        regions: All regions.
-        region: Region of every local cell.
 
     Raises:
         ValueError: a cell has no tag, a tag no material, or a material no cell, or a parameter has
@@ -196,9 +181,6 @@ class Bodies:
     def least_stretch(self, values: NDArray[np.float64]) -> float:
         """Smallest eigenvalue of F_s = I + e over the cells of this rank, or a positive lower
         bound.
-
-        Args:
-            values: Eigenstrains, as of :meth:`eigenstrains`.
         """
         if not self._tensor:
             return 1 + float(values.min(initial=0.0))
@@ -242,11 +224,8 @@ def cell_values(
     """A parameter on local cells; collective.
 
     Args:
-        mesh: The mesh.
         value: A number, f(x) at midpoints x (3, n), a Function of degree 0, or an array with a
             value for each local cell of the mesh, ghosts included.
-        cells: Local cells.
-        what: Its name, for messages.
 
     Returns:
         One number, or (n,).

@@ -36,8 +36,6 @@ class MeanPoints:
 
     Args:
         entries: Entries of F that differ from those of I.
-        axes: n, of the theta/J to the power 1/n.
-        small: Small-strain kinematics.
     """
 
     def __init__(self, entries: Entries, axes: int, small: bool):

@@ -23,12 +23,9 @@ class RegionExpressions:
     """An expression of the body and F at the current displacement, by a kernel for every region.
 
     Args:
-        u: Displacement.
-        bodies: Materials.
         regions: Numbers of the regions in which it is evaluated, the same on all ranks; collective.
         expression: The vector ``expression(body, F)``.
         points: Reference points in a cell, or in a facet.
-        name: Its purpose.
     """
 
     def __init__(

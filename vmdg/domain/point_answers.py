@@ -33,10 +33,7 @@ class Question:
     """A material and how it is asked.
 
     Args:
-        material: The material.
         dt: Time step [s].
-        small: Small-strain kinematics.
-        plane_stress: Whether F_33 is free.
     """
 
     def __init__(self, material: PointMaterial, dt: float, small: bool, plane_stress: bool):

@@ -49,7 +49,6 @@ class PointState:
         frozen: Derivative of P in the adjoint term, likewise [MPa].
         stored: Stored energy (cells, points) [MPa].
         dissipated: Dissipated energy in the step (cells, points) [MPa].
-        next: History at the end of the step.
         deformation: F, at small strain the strain, of these stresses (n, 3, 3).
     """
 
@@ -86,25 +85,14 @@ class PointBodies:
     All local cells are evaluated, ghosts included, so ranks need not communicate.
 
     Args:
-        mesh: The mesh.
-        cells_of: Local cells of every tag, ghosts included.
         materials: Material of those tags that have one at points.
-        small: Small-strain kinematics.
-        geometry: Gradient and measure.
-        degree: Degree of the displacement.
         plane_stress: Zero stress out of the plane instead of zero strain.
         eigenstrain: Stress-free strain of the cells, a number or a tensor (3, 3); None for none.
 
     Attributes:
         cells: Local cells, by tag in the order of ``materials``, (n,).
-        rule: Quadrature degree in the cells.
         points: Reference points in a cell (q, d).
-        fields: Coefficients of the forms.
         extrapolation: Values of the points in a cell to coefficients of the facet fields (m, q).
-        element: Scalar element of the facet fields.
-        symmetric: Whether all moduli have major symmetry.
-        viscous: Whether a stress depends on the time step.
-        state: Current state.
         lost: Material and tag of this rank's points whose stress or moduli were not finite for a
             finite F at the last evaluation; empty for none.
     """
@@ -206,7 +194,6 @@ class PointBodies:
         """Stress and moduli for a deformation; collective.
 
         Args:
-            deformation: From :meth:`deformation`.
             dt: Time step [s].
             hold: Keep the moduli of the last evaluation, for a predictor: those of the last
                 iteration are closer to those of the step than the elastic ones of a state at rest.
@@ -242,7 +229,6 @@ class PointBodies:
         For derivatives of the energy by eigenstrains, for which :meth:`take` sets it.
 
         Args:
-            since: The state.
             dt: A time in which bodies whose stress depends on it hardly flow [s].
         """
         start = _with(since, history=since.next)
@@ -508,15 +494,7 @@ class PointDeformation:
     """F, at small strain the strain, at the points of cells; with mean dilatation diag(F, theta).
 
     Args:
-        u: Displacement.
-        geometry: Gradient and measure.
-        points: Reference points in a cell.
-        cells: Local cells.
-        small: Whether the strain is wanted.
         axes: Place in the result of every axis of the forms.
-
-    Attributes:
-        u: As given.
     """
 
     def __init__(

@@ -64,7 +64,6 @@ class GeometryMap:
     """The map X(xi) from the reference cell to the cells of a mesh, at some points.
 
     Args:
-        mesh: The mesh; may be a facet submesh.
         points: Reference points (points, t).
 
     Attributes:
@@ -94,7 +93,6 @@ def places_in_cells(mesh: Mesh, cells: NDArray[np.int32], places: Array) -> tupl
     """X (n, points, d) [mm] and dX/dxi (n, points, d, t) at reference points of each cell.
 
     Args:
-        mesh: The mesh.
         cells: Local cells (n,).
         places: Positions in the reference cell (n, points, t).
     """
@@ -126,7 +124,6 @@ def displacements_in_cells(
     """u (n, points, d) [mm] and du/dxi (n, points, d, t) at reference points of each cell.
 
     Args:
-        u: A displacement.
         cells: Local cells (n,).
         places: Positions in the reference cell (n, points, t).
     """
@@ -143,7 +140,6 @@ def derivatives_in_cells(
     in the order of ``basix.index``, at reference points of each cell.
 
     Args:
-        u: A displacement.
         cells: Local cells (n,).
         places: Positions in the reference cell (n, points, t).
     """
@@ -197,16 +193,6 @@ class ShapeGradients:
 
     In axisymmetry a column N_a / r follows the derivatives of a shape function N_a, for the hoop
     entry of GRAD, and the weights count the circumference.
-
-    Args:
-        mesh: The mesh.
-        geometry: Gradient and measure.
-        degree: Degree of the displacement.
-
-    Attributes:
-        bulk_points: Reference points in a cell.
-        facet_points: Reference points in a facet.
-        nodes_of_cell: Number of shape functions of a cell.
     """
 
     def __init__(self, mesh: Mesh, geometry: Geometry, degree: int):

@@ -123,12 +123,6 @@ def located(
 ) -> NDArray[np.int32]:
     """Entities that DOLFINx locates by a user's predicate; an error on one rank is raised on all.
 
-    Args:
-        mesh: The mesh.
-        find: Calls DOLFINx with a predicate.
-        where: What the user gave.
-        what: Its purpose, for messages.
-
     Raises:
         TypeError: it is not a function.
         ValueError: the predicate does not return True or False for every point.
@@ -186,10 +180,6 @@ def refuse_facets(
     """Raise on all ranks if one of the owned ``facets`` is marked; collective.
 
     Args:
-        mesh: The mesh.
-        facets: Local facets.
-        refused: Marks of all local facets.
-        what: Name of the load for the message.
         reason: The error and the remedy, which follow the place of the facet in the message.
 
     Raises:

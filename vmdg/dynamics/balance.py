@@ -29,9 +29,6 @@ class Balance:
 
     A strict balance counts what laws and bodies dissipate as spent. Where pairs of surfaces turn
     that is not the work of their tractions, however short the step, so that it does not end a run.
-
-    Args:
-        problem: The problem, at the start of the run.
     """
 
     def __init__(self, problem: Problem):
@@ -54,7 +51,6 @@ class Balance:
         Args:
             change: b_1 - b_0, the same on every rank [N mm].
             work: w, the same on every rank [N mm].
-            strict: Whether by the strict balance too.
         """
         now, here = self._measured()
         debts = np.maximum(self._debts + now - self._last - change, 0.0)

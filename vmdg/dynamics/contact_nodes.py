@@ -36,13 +36,10 @@ class ContactNodes:
     with no others, and all with beta K, mean dilatation, unknown means, or surfaces that slide far.
 
     Args:
-        problem: The problem.
         masses: Row sums of the mass matrix, owned dofs [N s2/mm].
 
     Attributes:
         masses: Masses of owned dofs, zero at these nodes [N s2/mm].
-        dofs: Owned dofs of these nodes.
-        exist: Whether there are any on any rank.
     """
 
     def __init__(self, problem: Problem, masses: Array):

@@ -40,10 +40,6 @@ class ExplicitSteps:
     """Steps of central differences, see :class:`.CentralDifferences`.
 
     Args:
-        problem: The problem.
-        scheme: The parameters.
-        options: Options of the solver.
-        supports: Motion of supports.
         continues: Whether to continue between two renewals of an earlier run.
 
     Raises:
@@ -258,7 +254,6 @@ class ExplicitSteps:
         return True
 
     def _acceleration(self, v: Array, h: float, rate: Array, of_supports: Array | float) -> Array:
-        """M^-1.(-R - rate - C.(v + h a/2)), of supports as given."""
         forces = -self._problem.discretization.forces.x.array[: self._owned] - rate
         a = self._viscous.solve(forces, self._inverse, v, h)
         a[self._problem.loading.owned_prescribed] = of_supports

@@ -45,14 +45,7 @@ _AIM = 0.9
 
 
 class ImplicitSteps:
-    """Steps of the generalized alpha method, see :class:`.GeneralizedAlpha`.
-
-    Args:
-        problem: The problem.
-        scheme: The parameters.
-        options: Options of the solver.
-        supports: Motion of supports.
-    """
+    """Steps of the generalized alpha method, see :class:`.GeneralizedAlpha`."""
 
     def __init__(
         self,
@@ -217,7 +210,6 @@ class ImplicitSteps:
         Args:
             h: The step [s].
             change: a_1 - a_0 (owned,) [mm/s2].
-            tolerance: See :class:`.GeneralizedAlpha`.
         """
         mass, moved = self._motion.row_sums, self._problem.u.x.array[: self._owned] - self._first
         sums = global_sum(self._comm, [mass @ change**2, mass @ moved**2])

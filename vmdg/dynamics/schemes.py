@@ -21,8 +21,6 @@ class Newmark(Protocol):
     Attributes:
         alpha_m: Weight of the inertia at the start of a step.
         alpha_f: Weight of the forces at the start of a step.
-        gamma: Newmark's parameter of the velocity.
-        beta: Newmark's parameter of the displacement.
         work_at_end: Weight of the end of a step in the work of loads and supports.
     """
 

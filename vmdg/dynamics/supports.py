@@ -21,8 +21,6 @@ class SupportMotion:
     times the step is the change of the velocity.
 
     Args:
-        comm: Communicator of the problem.
-        loading: Loads and prescribed displacements.
         start: First time, before which the functions are not evaluated [s].
         end: Last time, beyond which they are evaluated by a step where they are defined, so that a
             run that is continued is one run [s].
@@ -81,7 +79,6 @@ def support_work(
     that of supports.
 
     Args:
-        held: Owned prescribed dofs.
         inertia: M.a_m of owned dofs [N].
         moved: h v_m of owned dofs [mm].
         jump: j of owned dofs [mm/s].

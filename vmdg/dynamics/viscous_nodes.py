@@ -20,7 +20,6 @@ class ViscousNodes:
     critical step as it is; beta K acts at that of its middle, which shortens it.
 
     Args:
-        problem: The problem.
         masses: Lumped masses of owned dofs [N s2/mm].
     """
 
@@ -57,7 +56,6 @@ class ViscousNodes:
 
         Args:
             forces: Other forces [N].
-            inverse: 1/m, zero for massless nodes.
             v: Velocity in the middle of the step [mm/s].
             h: The step [s].
         """

@@ -20,7 +20,6 @@ class Compared(NamedTuple):
     Attributes:
         values: The values (n,).
         slopes: Their derivatives by k parameters (n, k).
-        reached: Whether the run comes to every abscissa.
     """
 
     values: Array
@@ -143,11 +142,7 @@ def along_path(
     """Values of a column, of numbers or of arrays (N,), where a run has these abscissae.
 
     Args:
-        history: Of a run with derivatives by these parameters.
-        along: Column of the abscissae.
-        column: Column of the values.
         targets: Abscissae (m,), each after the one before on the path.
-        names: Names of the parameters.
 
     Returns:
         Values (m, N) and derivatives at fixed abscissae (m, N, k).
@@ -197,11 +192,6 @@ def known_rates(history: History, column: str, names: Sequence[str]) -> Array:
 def _place(x: Array, target: float, start: float) -> tuple[float, bool]:
     """Where a path first has an abscissa after a place: number of a point, and fraction of the way
     to the next one; where it comes nearest if it does not reach it, and whether it does.
-
-    Args:
-        x: Abscissae of the points of the path.
-        target: The abscissa.
-        start: The place after which to look.
     """
     j, w = min(int(start), len(x) - 2), start - min(int(start), len(x) - 2)
     here = (1 - w) * x[j] + w * x[j + 1]

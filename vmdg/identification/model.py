@@ -67,10 +67,8 @@ class Fit(NamedTuple):
 
     Attributes:
         values: Parameters (k,).
-        cost: Half of the sum of squares.
         status: 0 at the largest number of evaluations, -1 where there is no run at the start.
         bounded: Whether a parameter is at its bound (k,).
-        iterations: Number of iterations.
     """
 
     values: Array
@@ -84,21 +82,11 @@ class Model:
     """Weighted residuals and their derivatives by the logarithms of the parameters.
 
     Args:
-        makes: By experiment.
-        measured: What was measured, by experiment.
-        loads: Load factors by experiment.
-        options: Options of the runs.
         sigma: Deviation of measurements without one of their own; None if it is not known.
-        priors: Value and relative deviation by name.
-        start: First values by name.
         bounds: Smallest and largest values (k,).
-        comm: All ranks.
-        file: File of the runs.
-        spread: Whether experiments are distributed over the ranks.
 
     Attributes:
         scale: Deviation used as weight: sigma, or a number of the size of the measured values.
-        runs: All evaluations, in order.
         differenced: Parameters that are differentiated by differences of whole runs.
         plateaus: Gap up to which the resistance is constant, of laws of a strength and a critical
             gap, by name and class of their interfaces.

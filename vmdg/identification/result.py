@@ -31,7 +31,6 @@ class Run:
     """One evaluation of the model.
 
     Attributes:
-        values: Parameters by name.
         cost: Half of the sum of the squares of the weighted residuals, priors included; inf
             without a run.
         refused: Why there is no run; empty where there is one.

@@ -88,7 +88,6 @@ class Activation:
     """Which facets of every interface are open.
 
     Attributes:
-        interfaces: The user's descriptions.
         facets: All facets of every interface on this rank, open or not.
         open: For every interface, a mask over all local facets of the mesh.
     """
@@ -126,8 +125,6 @@ class Activation:
         """Refuse facets of interfaces, open or not; collective.
 
         Args:
-            facets: Local facets.
-            what: Caller, for the message.
             reason: The error and the remedy, which follow the place of the facet in the message.
 
         Raises:

@@ -51,24 +51,11 @@ class ActiveInterface:
     itself closes the gap. As s = 0 at its start, both forms have one energy there, and the energy
     of the step is that with the facet.
 
-    Args:
-        interface: The user's description.
-        facets: Its facets on this rank.
-        u: Displacement, changed by the solver.
-        bodies: Materials.
-
     Attributes:
-        interface: As given.
-        facets: As given.
-        law: Its law at the points.
-        quadrature: Its quadrature points.
         turns: Whether the law works in a frame that rotates with the interface.
-        stabilizer: Derives and scales tau_s.
         terms: Its terms of (27) and (30) at the points.
         stabilization: Stabilization in the forms; None before the first :meth:`apply`.
         floor: Largest r so far (nf,) [MPa/mm], a lower bound for the next step.
-        history: Converged history of the points.
-        values: Values at the points at the last residual.
         fluid: Fluid between the crack faces; None for none.
     """
 
@@ -281,11 +268,6 @@ class ActiveInterface:
     def go_between(self, start: PointHistory, end: PointValues, share: float) -> None:
         """Set values at the current displacement, with zeta at a fraction of its change in the
         step.
-
-        Args:
-            start: History at the start of the step.
-            end: Values at its end.
-            share: Fraction of the step.
         """
         trial = self.trial()
         if end.update is not None:
@@ -318,9 +300,6 @@ class ActiveInterface:
     ]:
         """D dA and Tt dA at the points, see :class:`.PointTangent`, and from what they are made:
         C = d zeta/dT and the changes by a rotating frame; collective.
-
-        Args:
-            damage: Include C; without it zeta is fixed.
         """
         changes = self._return_map.tangent(self.values) if damage else (None, None)
         return *self.point_tangent(self.stabilization, self.values, *changes), *changes
@@ -462,9 +441,7 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
     A return map of few points takes as long as that of thousands.
 
     Args:
-        interfaces: All interfaces of a discretization.
         dt: Time step [s].
-        hold: Fix zeta at its converged value.
     """
     for group in _with_equal_laws(interfaces):
         trials = [active.trial(closes=not hold) for active in group]

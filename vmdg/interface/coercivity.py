@@ -132,10 +132,6 @@ def margin(law: Law, degree: int) -> float:
     bond, whose tractions and openings are no better with more. Where bodies flow, bonds of degree 2
     have u within 2 % and GRAD u within 1 % with 3/5, and on triangles 7 and 1.5 % with 1/4; with
     hardly any hardening 4 and 2 % instead of 19 and 10 %.
-
-    Args:
-        law: Of the interface.
-        degree: Of the displacement.
     """
     if not law.inelastic:
         return _TIED
@@ -178,10 +174,7 @@ class CellProblems:
     """The eigenvalue problems (*) of cells that have interface facets.
 
     Args:
-        u: Displacement at which A is taken.
-        bodies: Materials.
         cells: Local cells, ascending; a cell with several interface facets is repeated.
-        local: Number of the interface facet within its cell.
     """
 
     def __init__(
@@ -387,7 +380,6 @@ def _square_root(
 
     Args:
         A: Moduli (cells, points, n, n).
-        free: Number of eigenvalues that vanish at rest.
     """
     size = np.trace(A, axis1=2, axis2=3).max(axis=1)
     regular = (_REGULAR * size)[:, None, None]
@@ -431,9 +423,6 @@ class Coercivity:
     problem, the rank of a facet raises the penalty. Collective.
 
     Args:
-        u: Displacement.
-        bodies: Materials.
-        interfaces: Open facets of every interface on this rank.
         stretches: rho of them (nf,).
         areas: Their areas (nf,) [mm2; mm in plane strain].
     """

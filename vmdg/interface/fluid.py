@@ -27,11 +27,6 @@ Array = NDArray[np.float64]
 class Fluid:
     """A fluid between the crack faces of an interface.
 
-    Args:
-        quadrature: Points of the interface.
-        u: Displacement, changed by the solver.
-        bodies: Materials.
-
     Attributes:
         pressure: Pressure at the points, set by the loads [MPa].
         share: Fraction of the pressure that acts at the points (nq,); never modified in place.

@@ -61,10 +61,6 @@ class Frame:
         -(V.(N x w)).dU'.b + w.dU'.omega - (w.omega) tr(dU') + (c.W~):(Omega'.A)^T,
 
     W = R.W~ and the last term from dR, a sum of ten products of two linear functions.
-
-    Args:
-        d: Dimension, 2 or 3.
-        comm: Communicator of the ranks that request it.
     """
 
     def __init__(self, d: int, comm: MPI.Comm):

@@ -35,12 +35,6 @@ def free_stress_factor(cell: str, degree: int, bulk: int, mean: bool = False) ->
 
     With mean dilatation the elastic flux of a nearly incompressible cell has no more than that of
     uniform strains, of which the largest eigenvalue is that of N.A.N times area over volume: 4.
-
-    Args:
-        cell: Name of the cell.
-        degree: Degree of the displacement.
-        bulk: Quadrature degree in the cell.
-        mean: Whether the cells have a mean dilatation.
     """
     kind = basix.CellType[cell]
     corners, d = basix.geometry(kind), basix.geometry(kind).shape[1]

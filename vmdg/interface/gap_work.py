@@ -54,7 +54,6 @@ def gap_force(active: ActiveInterface, traction: Array) -> Array:
     plane].
 
     Args:
-        active: The interface.
         traction: T in the frame of its law (nq, d) [MPa].
     """
     return -(active.quadrature.weights[:, None] * traction).ravel()
@@ -210,7 +209,6 @@ def _at_rest(active: ActiveInterface, total: Array) -> Array:
     """Viscous part of T.dzeta in excess of that of the law (nq,) [N/mm].
 
     Args:
-        active: The interface.
         total: int T.dzeta (nq,) [N/mm].
     """
     update, history, q, law = active.values.update, active.history, active.quadrature, active.law

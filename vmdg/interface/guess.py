@@ -63,8 +63,6 @@ def hold_points(active: ActiveInterface, begun: PointValues, points: Points) -> 
     """Restore the values at the start of the step, with C = 0 at some points.
 
     Args:
-        active: The interface.
-        begun: The values, with C of the previous predictor.
         points: Mask of the points (nq,).
     """
     active.values = begun

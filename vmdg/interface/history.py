@@ -64,9 +64,6 @@ class InterfaceSnapshot:
     """The complete state of an interface.
 
     Attributes:
-        history: Converged history of its points.
-        values: Values at its points at the last residual.
-        stabilization: tau_s and the flux weights of the forms.
         share: Fraction of a fluid's pressure that acted in the last step; None for none.
         gradient: Work gradient of that step, for a resumed run; None where it can be computed.
         pairs: Pairs of surfaces that slide; None for others.
@@ -97,9 +94,6 @@ def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) ->
     Viscous work uses the overstress at the end; :func:`.gap_work` adds its change within the step.
 
     Args:
-        before: History at the start of the step.
-        update: Return map of its end.
-        law: The law.
         N: Reference normal (nq, d).
         r: Penalty (nq,) [MPa/mm].
     """

@@ -72,7 +72,6 @@ class PairStabilization(Stabilization):
     """Of pairs.
 
     Attributes:
-        surfaces: That of the facets, from which it follows.
         taken_in: Numbers of the pairs that are not left out, see :class:`.ActiveInterface`; None
             for all.
     """
@@ -94,11 +93,7 @@ class EachFacet(NamedTuple):
 
 
 class SurfaceStabilizer(Stabilizer):
-    """Derives what the stabilization of any pair follows from, on all facets of two surfaces.
-
-    Args:
-        interface, quadrature, u, bodies: As for :class:`.Stabilizer`.
-    """
+    """Derives what the stabilization of any pair follows from, on all facets of two surfaces."""
 
     def __init__(
         self, interface: Interface, quadrature: PairPoints, u: fem.Function, bodies: Bodies
@@ -175,7 +170,6 @@ class CommittedPoints:
         rows: That number (nq,).
         normal: Of side 1 (nq, d).
         elastic: s in the frame of the law (nq, d) [mm].
-        history: Of the points.
         both: X on both sides of the points of all ranks (n, d) [mm].
         normals: Of side 1, of these, by side whose points at one place have one normal (n, d).
         tractions: Of these, in the frame of the law, likewise (n, d) [MPa].
@@ -209,9 +203,7 @@ class MovingPairs(NamedTuple):
     """Pairs in a snapshot.
 
     Attributes:
-        facets: The pairs.
         committed: Points at the end of the last step; None before the first one.
-        bonded: Facets of side 1 whose bond holds.
         elastic: For a resumed run, in the place of ``committed``: s of the points at the end of the
             last step, in the frame of the law (nq, d) [mm].
         near: For a resumed run, rows of the two surfaces that were coupled in matrices (n, 2): with
@@ -226,11 +218,7 @@ class MovingPairs(NamedTuple):
 
 
 class MovingInterface(ActiveInterface):
-    """An interface of surfaces that slide, with its present pairs.
-
-    Args:
-        interface, facets, u, bodies: As for :class:`.ActiveInterface`.
-    """
+    """An interface of surfaces that slide, with its present pairs."""
 
     facets: PairedFacets
     quadrature: PairPoints
@@ -611,7 +599,6 @@ def _of_places(s: Array, places: Array, size: float, stiffness: Array) -> Array:
 
     Args:
         s: Of every point (nq, d) [mm].
-        places: The points, as in :meth:`MovingInterface._places`.
         size: Of the surface [mm].
         stiffness: r dA (nq,).
     """
@@ -667,14 +654,7 @@ def _numbered(places: Array, size: float) -> tuple[NDArray[np.intp], NDArray[np.
 def _nearest(
     tree: scipy.spatial.cKDTree, rows: NDArray[np.intp], places: Array, mine: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """The nearest of other points, and whether it is on the same facet of side 1 (nq,).
-
-    Args:
-        tree: Of the other points.
-        rows: Numbers of their facets.
-        places: The points, as in :meth:`MovingInterface._places`.
-        mine: Numbers of their facets.
-    """
+    """The nearest of other points, and whether it is on the same facet of side 1 (nq,)."""
     if not len(rows) or not len(mine):
         return np.zeros(len(mine), dtype=np.intp), np.zeros(len(mine), dtype=bool)
     nearest = tree.query(places)[1]

@@ -26,9 +26,6 @@ _LEAST = 0.01
 class BondedArea:
     """The area of a bond by facets of side 1, this rank's; zero where nothing was bonded.
 
-    Args:
-        quadrature: Its points in the reference configuration.
-
     Attributes:
         whole: The area [mm2; mm in plane strain].
     """
@@ -49,12 +46,7 @@ class BondedArea:
         return sums[0], np.transpose(sums[1:])
 
     def parted(self, quadrature: PairPoints, u: fem.Function) -> InterfaceState:
-        """One row for every facet a part of which has lost its partner, in the middle of that part.
-
-        Args:
-            quadrature: The points of the present pairs.
-            u: Displacement.
-        """
+        """A row for every facet with a part that has lost its partner, in the middle of it."""
         surfaces, d = self._surfaces, quadrature.d
         areas, moments = self._covered(quadrature)
         lost = self._areas - areas

@@ -46,14 +46,7 @@ void traction_slopes(long{", void *" * 8});
 
 
 class PartnerTangent:
-    """The part of D of one interface that comes from the motion of its pairs.
-
-    Args:
-        quadrature: Its points.
-        u: Displacement.
-        bodies: Materials.
-        tangent: D without it.
-    """
+    """The part of D of one interface that comes from the motion of its pairs."""
 
     def __init__(
         self, quadrature: PairPoints, u: fem.Function, bodies: Bodies, tangent: PointTangent
@@ -83,7 +76,6 @@ class PartnerTangent:
             D: From :class:`.PointTangent` (nq, jet, jet).
             traction: Tt dA from there (nq, d, jet).
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
-            stabilization: Of the forms.
             frame: R and W of the frame of the law.
             T: Traction (nq, d) [MPa].
             terms: q of (27) (nq, jet).

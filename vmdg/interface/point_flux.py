@@ -41,7 +41,6 @@ class _Piece(NamedTuple):
     """Change of {P.N} on some facets by the dofs of one side.
 
     Attributes:
-        side: The side, 0 or 1.
         facets: The facets (f,).
         cells: Their cells on that side (f,).
         points: Points of the facets (f, p).
@@ -59,7 +58,6 @@ class FluxChange(NamedTuple):
     """What the flux of bodies at points changes in the tangent of an interface.
 
     Attributes:
-        of: The flux.
         load: L dA (nq, jet, d).
     """
 
@@ -70,10 +68,7 @@ class FluxChange(NamedTuple):
         """Add to the matrices of some facets (f, m, n), whose columns are those of both sides.
 
         Args:
-            matrices: B^T.D.B of the points.
-            rows: The facets.
             B: Jets of the field of the rows (f, points per facet, jet, m).
-            trial: The field of the columns.
         """
         for piece in self.of.pieces(rows, trial):
             facets, width = piece.facets - rows.start, piece.flux.shape[-1]
@@ -103,17 +98,7 @@ class FluxChange(NamedTuple):
 
 
 class PointFlux:
-    """The part of the tangent of one interface that :class:`.PointTangent` lacks.
-
-    Args:
-        active: The interface.
-        u: Displacement.
-        bodies: Materials, some of them at points.
-
-    Attributes:
-        active: As given.
-        d: Dimension.
-    """
+    """The part of the tangent of one interface that :class:`.PointTangent` lacks."""
 
     def __init__(self, active: ActiveInterface, u: fem.Function, bodies: Bodies):
         self.active, self._bodies = active, bodies.points
@@ -125,7 +110,6 @@ class PointFlux:
         self._sides: list[tuple[int, NDArray, NDArray, Array, Array, Array]] = []
 
     def _take_facets(self) -> None:
-        """Take the present facets or pairs of facets."""
         quadrature, gradients = self.active.quadrature, self.active.point_tangent.jets.gradients
         self._facets, self._sides = quadrature.facets, []
         for a, places in enumerate(quadrature.places()):
@@ -173,7 +157,6 @@ class PointFlux:
         """{P.N} by a field, on those sides of some facets that are at points.
 
         Args:
-            facets: The facets.
             trial: Displacements, or a field whose gradients are uniform in a cell.
         """
         for number, (_, rows, *_) in enumerate(self._sides):

@@ -42,10 +42,6 @@ class PointResidual:
     """q of one interface.
 
     Args:
-        quadrature: Its points.
-        u: Displacement, changed by the solver.
-        bodies: Materials.
-        jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
     """
 
@@ -82,12 +78,7 @@ class PointResidual:
         )
 
     def __call__(self, stabilization: Stabilization, values: PointValues) -> Array:
-        """q (nq, jet) [MPa; N/mm for the entries of GRAD].
-
-        Args:
-            stabilization: Of the forms.
-            values: At the points.
-        """
+        """q (nq, jet) [MPa; N/mm for the entries of GRAD]."""
         parts = [values.traction]
         directions = adjoint_directions(stabilization, values, self._quadrature.facet, self._jump)
         # The kernels use the outward normal of their side, -N on side 2.
@@ -106,10 +97,6 @@ class PointResidual:
         """{P.N}.s + s.tau_s.s/2 over the points, (30) [N mm; N in plane strain].
 
         T has the penalty whole.
-
-        Args:
-            stabilization: Of the forms.
-            values: At the points.
         """
         quadrature, s = self._quadrature, values.elastic_opening
         penalty = np.einsum("pij,pj->pi", stabilization.penalty[quadrature.facet], s)

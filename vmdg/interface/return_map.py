@@ -37,7 +37,6 @@ class Trial:
         cycles: Load cycles that the step represents (nq,); None for none.
         F: Mean deformation gradient (nq, d, d); this and the following are None where the frame is
             fixed.
-        R, W: Rotation and spin of the frame, see :meth:`.Frame.at`.
         initial_gap: Position on side 2 minus that on side 1, which turns with the frame (nq, d)
             [mm]; None where they coincide.
     """
@@ -61,10 +60,6 @@ class ReturnMap:
     """T of (31) at the points of an interface, by the return map of its law (Boxes 2 and 3).
 
     Args:
-        interface: The user's description.
-        quadrature: Its quadrature points.
-        u: Displacement, changed by the solver.
-        bodies: Materials.
         fluid: Pressure at the points; None for none.
 
     Attributes:
@@ -118,8 +113,6 @@ class ReturnMap:
         """{P.N} + r g at the current displacement, and the other input of the law.
 
         Args:
-            stabilization: tau_s and the flux weights.
-            history: zeta_n and Q_n.
             overstress_modulus: k of :func:`map_back` (nq,) [MPa/mm]; None for the plain law.
             cycles: Load cycles that the step represents (nq,); None for none.
         """
@@ -170,9 +163,6 @@ class ReturnMap:
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
         """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame.
 
-        Args:
-            values: From :meth:`evaluate`.
-
         Returns:
             None for what the interface does not have.
         """
@@ -187,7 +177,6 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
     """T of (31) by T_tr = {P.N} + r g - r zeta_n of (66).
 
     Args:
-        law: The law.
         trial: From :meth:`ReturnMap.trial`, of one interface or of several with this law.
         dt: Time step [s].
         last: Values of the last residual, with the tangent of its return map; if given, zeta is
@@ -223,9 +212,7 @@ def map_back(law: Law, load: Array, trial: Trial, dt: float, keep: bool = True) 
     the step has a unique solution even where the bodies follow a softening bond.
 
     Args:
-        law: The law.
         load: T_tr (nq, d) [MPa].
-        trial: r, N, zeta_n, Q_n, k and cycles.
         dt: Time step [s].
         keep: A law that writes into what it is given writes into copies. False if nothing but this
             call uses the arrays of a trial without k.

@@ -15,7 +15,6 @@ class Sliding(NamedTuple):
 
     Attributes:
         ratio: The slip relative to the size of the facet; if 0 the other values are undefined.
-        facet: Its number on this rank.
         point: Its position (3,) [mm].
         slip: |zeta_T| [mm].
         size: Length of the facet, in 3D the square root of its area [mm].
@@ -31,9 +30,6 @@ class Sliding(NamedTuple):
 def sliding(active: ActiveInterface) -> Sliding:
     """The point in contact on this rank with the largest slip relative to its facet, if it keeps
     its partner.
-
-    Args:
-        active: An interface in a converged state.
     """
     q, history = active.quadrature, active.history
     if not active.law.inelastic or not len(q.weights) or active.facets.slides:

@@ -151,19 +151,9 @@ class Stabilizer:
 
     tau_a of a rigid wall is zero, see :mod:`forms.rigid`.
 
-    Args:
-        interface: The user's description.
-        quadrature: Quadrature of its facets on this rank.
-        u: Displacement.
-        bodies: Materials.
-
     Attributes:
-        interface: As given.
-        facets: Facets of the quadrature.
         stretch: rho of :mod:`vmdg.interface.coercivity` (nf,).
         area: Reference area (nf,) [mm2; mm in plane strain].
-        automatic: Whether tau_s is scaled facet by facet, ``safety="auto"``.
-        margin: alpha of :mod:`vmdg.interface.coercivity`.
     """
 
     def __init__(self, interface: Interface, quadrature: Points, u: fem.Function, bodies: Bodies):
@@ -247,7 +237,6 @@ class Stabilizer:
         r could decrease, states under constant load could drift.
 
         Args:
-            derived: From :meth:`derive`.
             factor: Factor required by coercivity (nf,).
             floor: Largest r so far (nf,) [MPa/mm].
         """
@@ -264,8 +253,6 @@ class Stabilizer:
         The fraction of the bulk energy reserved by :mod:`vmdg.interface.coercivity` may be used up.
 
         Args:
-            applied: The stabilization of the step.
-            derived: From :meth:`derive` at the other displacement.
             factor: Factor required by coercivity there (nf,).
         """
         if not self.automatic:
@@ -307,11 +294,6 @@ _Needed = tuple[list[Stabilization], list[NDArray[np.float64]]]
 class Stabilizers:
     """The stabilization of all active interfaces, which share the energy of their cells.
 
-    Args:
-        interfaces: The stabilizer of each interface.
-        u: Displacement.
-        bodies: Materials.
-
     Attributes:
         constant: Whether tau_s and delta are the same at every displacement. At small strain the
             moduli in the bubble integrals (22) are constant; a user's function may depend on the
@@ -351,7 +333,6 @@ class Stabilizers:
         """:meth:`for_step` for changed laws or bodies; collective.
 
         Args:
-            floors: As of :meth:`for_step`.
             bodies: Whether moduli of bodies or the displacement have changed.
             risen: Facets whose r may be above its lower bound (nf,).
         """
@@ -405,7 +386,6 @@ class Stabilizers:
         Interfaces with a user-defined stabilization are left out.
 
         Args:
-            derived: From :meth:`derive`.
             needed: Facets whose factors are needed, those of others may be too small (nf,); None
                 for all.
         """

@@ -53,15 +53,9 @@ class SymbolicInterface:
     """One interface on interior facets, with its coefficients.
 
     Args:
-        active: The interface; its meshes match.
-        u: Displacement.
-        bodies: Materials.
         eta: Test function of the residual; None to compile none.
 
     Attributes:
-        active: As given.
-        submesh: Mesh of the coefficients.
-        measure: dS of the facets, by pairs of regions.
         pairs: Facets as rows (cell 1, facet in it, cell 2, facet in it), flat, and the bodies on
             their sides, of every pair of regions.
     """

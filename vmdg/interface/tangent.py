@@ -42,10 +42,6 @@ class PointTangent:
     """D of one interface: its tangent is int j(eta).D.j(du) dA.
 
     Args:
-        quadrature: Facet points.
-        u: Displacement.
-        bodies: Materials.
-        jump: The form is (26), with the traction jump.
         fluid: Pressure at the points; None for none.
 
     Attributes:
@@ -132,8 +128,6 @@ class PointTangent:
         section.
 
         Args:
-            stabilization: Stabilization of the forms.
-            values: At the points.
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
             turning: Z, dM/dT and dM/dS of a rotating frame; None fixes the frame.
 
@@ -160,12 +154,7 @@ class PointTangent:
         return D, traction
 
     def of_facets(self, D: Array, rows: slice) -> Array:
-        """Sums of B^T.D.B over the points of some facets, for displacements (f, n, n).
-
-        Args:
-            D: D at all points.
-            rows: The facets.
-        """
+        """Sums of B^T.D.B over the points of some facets, for displacements (f, n, n)."""
         points, values = self._quadrature.points_of_facet[rows], self.jets.values[rows]
         size = 2 * self.jets.nodes * self._quadrature.d
         matrices = np.empty((len(points), size, size))
@@ -176,7 +165,6 @@ class PointTangent:
         """Add int j(eta).flux, with dA (nq, jet), to a vector over local dofs.
 
         Args:
-            flux: Conjugate to jets.
             dofs: Nodes of the cells in the vector (cells, nodes of a cell).
             vector: Forces [N].
         """

@@ -337,8 +337,6 @@ def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float)
     as a law may that starts from `Update.elastic`.
 
     Args:
-        law: The law.
-        update: Result of its return map.
         trial: T_tr (n, d), MPa.
         known: Further arguments of the return map in order: normal, gap, softening, penalty etc.,
             arrays with one row per point or one number.
@@ -377,8 +375,6 @@ def separation(law: Law, d: int, axis: int) -> tuple[Array, Array]:
 
     Args:
         law: A law with a bond; parameters that vary are arrays (n,).
-        d: 2 or 3.
-        axis: 0 for opening, 1 for shear.
     """
     one = np.ones(max((len(value) for value in law.varying.values()), default=1))
     direction = np.zeros((len(one), d))
@@ -460,7 +456,6 @@ def check_parameters(law: Law) -> None:
 
 
 def _check_parameter(law: Law, name: str, value: Any) -> None:
-    """Check one parameter, see `check_parameters`."""
     if not isinstance(value, Real):
         if name not in VARYING:
             raise TypeError(

@@ -131,7 +131,6 @@ def give(
     it in the next step.
 
     Args:
-        bond: softening curve.
         load: trial traction (m,), MPa, not less than R_n.
         left: strength - Q_n (m,), MPa.
         penalty: r (m,), MPa/mm.
@@ -218,7 +217,6 @@ def slide(
     x*, R(x*) + V = mu |T_N|), and friction work, with mu |T_N| - R(x), after that.
 
     Args:
-        bond: softening curve in shear.
         shear: |T_tr,T| (n,), MPa.
         cap: mu |T_N| (n,), MPa.
         left: strength - Q_n (n,), MPa.
@@ -272,9 +270,6 @@ def slide_gradually(
     left-hand side falls faster than for the bond alone, so that r > H is enough. With a linear
     curve and without viscosity it is f/(r - H + H mu |T_N|/P), f = |T_tr,T| - R_n - d_n mu |T_N|,
     until the bond is broken.
-
-    Args:
-        bond, shear, cap, left, penalty, damping: As of `slide`.
     """
     part = 1.0 - cap / bond.strength
     R_n = bond.resistance(left)

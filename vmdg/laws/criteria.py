@@ -19,10 +19,6 @@ class Criterion(ABC):
     With (cos th, sin th) the direction of the traction relative to the strengths, of which
     phi = G_s sin^2 th/(G_n cos^2 th + G_s sin^2 th) follows, the flow of the linear criterion is
     scaled by m = G_c(phi)/(G_n cos^2 th + G_s sin^2 th).
-
-    Attributes:
-        shear_ratio: G_s/G_n.
-        exponent: exponent of the criterion.
     """
 
     shear_ratio: float
@@ -97,11 +93,6 @@ CRITERIA: dict[str, Callable[[float, float], Criterion]] = {
 
 def criterion_of(name: str, exponent: float | None, shear_ratio: float) -> Criterion:
     """The criterion of this name.
-
-    Args:
-        name: A key of `CRITERIA`.
-        exponent: None for the linear criterion.
-        shear_ratio: G_s/G_n.
 
     Raises:
         ValueError: the name is unknown, or the exponent is missing or out of range.

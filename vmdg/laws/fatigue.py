@@ -201,7 +201,6 @@ class FatigueDebonding(MixedModeDebonding):
         """Advance n points by one backward-Euler step of a number of cycles.
 
         Args:
-            trial, normal, gap, softening, penalty, dt: As of `Law.return_map`.
             cycles: number of cycles (n,) or one number.
 
         Raises:
@@ -271,8 +270,6 @@ class _Points:
     """Points of a branch with fatigue.
 
     Args:
-        law: The law.
-        at: The start of the step.
         cycles: Number of cycles (m,).
     """
 

@@ -301,8 +301,6 @@ class MixedModeDebonding(ExtrinsicLaw):
         """d zeta/d T_tr (m, d, d).
 
         Args:
-            flow: At the end of the step.
-            g_by, th_by: Derivatives by a and b.
             normal: N (m, d).
             direction: t (m, d).
             k_t: |dzeta_T|/|T_tr,T| (m,), mm/MPa.
@@ -343,7 +341,6 @@ class MixedModeDebonding(ExtrinsicLaw):
             return rho_n + A_g * g, rho_n + B_g * g, A_g, B_g
 
         def growth(m: Array, a: Array, b: Array, start: Array) -> Array:
-            """Root g of (a/A)^2 + (b/B)^2 = 1 at a given m."""
 
             def yield_function(g: Array) -> tuple[Array, Array]:
                 # 1/|(a/A, b/B)| - 1 is nearly linear in g, unlike the equation above
@@ -410,12 +407,7 @@ def _along(parts: tuple[Array, Array], at: Points) -> Array:
 
 
 def _steepest(slopes: float, criterion: Criterion) -> float:
-    """H/H_n of the class docstring.
-
-    Args:
-        slopes: H_s/H_n.
-        criterion: The criterion.
-    """
+    """H/H_n of the class docstring."""
     angle = np.linspace(0.0, 0.5 * np.pi, _ANGLES)
     cos, sin = np.cos(angle), np.sin(angle)
     m, m_by_angle = criterion.flow_factor(cos, sin)

@@ -83,16 +83,7 @@ class RigidLaw(Protocol):
 
 
 class Scaled:
-    """A softening curve as s(g): R = P s, x = scale g.
-
-    Args:
-        curve: In opening or in shear.
-
-    Attributes:
-        strength: P, MPa.
-        scale: P/H, mm.
-        modulus: H, MPa/mm.
-    """
+    """A softening curve as s(g): R = P s, x = scale g."""
 
     def __init__(self, curve: SofteningCurve):
         self._curve = curve
@@ -140,12 +131,7 @@ class Start(NamedTuple):
 def advance(
     law: RigidLaw, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array
 ) -> Update:
-    """The return map of `Law` with unloading to the origin.
-
-    Args:
-        law: Its curves and scales.
-        trial, normal, gap, softening, penalty: As of `Law.return_map`.
-    """
+    """The return map of `Law` with unloading to the origin."""
     update = Update.elastic(trial, gap, softening)
     load = trial + penalty[:, None] * gap
     damage = np.minimum(softening / law.strength, 1.0)
@@ -164,12 +150,7 @@ def some_of(points: Points, rows: NDArray) -> Points:
 
 
 def stored_energy(law: RigidLaw, gap: Array, normal: Array, softening: Array) -> Array:
-    """psi (n,), N/mm.
-
-    Args:
-        law: Its curves and scales.
-        gap, normal, softening: As of `Law.stored_energy`.
-    """
+    """psi (n,), N/mm."""
     opening, shear = Scaled(law.in_opening), Scaled(law.in_shear)
     g = law.in_opening.extent(np.minimum(softening / law.strength, 1.0))
     gap_n = dot(gap, normal)
@@ -180,12 +161,7 @@ def stored_energy(law: RigidLaw, gap: Array, normal: Array, softening: Array) ->
 
 
 def rubbing(law: RigidLaw, softening: Array) -> Array:
-    """d = 1 - s (n,).
-
-    Args:
-        law: Its curves and scales.
-        softening: As of `Law.rubbing`.
-    """
+    """d = 1 - s (n,)."""
     g = law.in_opening.extent(np.minimum(softening / law.strength, 1.0))
     return 1.0 - Scaled(law.in_shear).at(g)[0]
 
@@ -259,12 +235,7 @@ def _open(law: RigidLaw, update: Update, at: Start) -> None:
 
 
 def reduced_gap(law: RigidLaw, at: Start) -> tuple[Array, Array]:
-    """(zeta_N/zeta_n, |zeta_T|/zeta_s) at the start of the step (m,).
-
-    Args:
-        law: Its curves and scales.
-        at: The start.
-    """
+    """(zeta_N/zeta_n, |zeta_T|/zeta_s) at the start of the step (m,)."""
     gap_n = dot(at.gap, at.normal)
     tangential = at.gap - gap_n[:, None] * at.normal
     length = np.sqrt(dot(tangential, tangential))
@@ -288,8 +259,6 @@ def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Spent:
     s x/2 - D(x_n) + s_n x_n/2).
 
     Args:
-        law: Its curves and scales.
-        at: The start.
         g: g at the end (m,).
         cos, sin: cosine and sine of th at the end (m,).
     """
@@ -349,8 +318,6 @@ def rub(shear: Scaled, at: Sheared, g: Array) -> Rubbing:
     """Friction parallel to the spring for a known g.
 
     Args:
-        shear: The curve.
-        at: The start.
         g: Largest gap (m,), zero where the bond is intact and rigid.
     """
     load, held, cap, r = at
@@ -412,8 +379,6 @@ def _grown(shear: Scaled, at: Sheared, start: Array) -> Array:
     """Root g > g_n of r zeta_s g + P_s s(g) = |T*_T - d mu |T_N| n|, where K falls.
 
     Args:
-        shear: The curve.
-        at: The start.
         start: g_n (m,).
     """
     r = at.penalty
@@ -457,11 +422,7 @@ def pressed_tangent(
     dg/d T_tr (m, d).
 
     Args:
-        law, at: As of `_pressed`.
-        start: Shear at the start.
         g: Largest gap at the end (m,).
-        growing: Where it grows.
-        rubbing: Shear at the end.
         worn: For points with fatigue, at r zeta_s g + P_s s = |w|/lambda instead of on their curve:
             lambda and, in MPa, lambda times the left-hand side over d ln(rate)/d ln(lambda) and the
             growth of g (m,).
@@ -519,11 +480,8 @@ def _rubbed(
     """Integral of d along the slip (m,), mm: d_n up to the largest gap so far, then d of the gap.
 
     Args:
-        shear: The curve.
         held: zeta_T,n (m, d).
         g_n: Largest gap before (m,).
-        growing: Where it grows.
-        rubbing: Shear at the end.
     """
     forward, reach = dot(held, rubbing.n), shear.scale * g_n
     room = forward * forward + reach * reach - dot(held, held)

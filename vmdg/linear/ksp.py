@@ -130,7 +130,6 @@ def automatic_options(
     in a step.
 
     Args:
-        problem: The problem.
         max_direct: Dofs in 3D up to which every tangent is factorized.
         max_factored: Dofs in 3D up to which factors are used at all, of compressible bodies.
     """
@@ -160,10 +159,6 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
 
     Choice 2 of Eisenstat and Walker (1996), 0.9 (|R_k| / |R_k-1|)^2 within bounds, and not tighter
     than needed to end well below the goal (Kelley 1995).
-
-    Args:
-        norms: Residual norms of the step so far.
-        goal: Residual norm at which the step has converged.
     """
     # The residual may be zero while the constraint of the step is not met.
     sizes = [max(norm, goal) for norm in norms[-2:]]
@@ -178,9 +173,7 @@ class LinearOptions(NamedTuple):
     """The linear solver of a problem.
 
     Attributes:
-        solver: Options of KSP and PC.
         fallback: Those of the direct solver where an iterative one does not converge.
-        automatic: Whether both were chosen by :func:`automatic_options`.
     """
 
     solver: Petsc
@@ -221,12 +214,9 @@ class LinearSolver:
     Args:
         matrix: The tangent, of type :func:`matrix_kind` or the other type.
         options: Options of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
-        fallback: Options of the direct solver.
 
     Attributes:
-        multigrid: Whether it uses the rigid-body modes.
         coarsened: Whether multigrid has a valid interpolation, or needs none.
-        iterations: Krylov iterations so far.
     """
 
     def __init__(self, matrix: PETSc.Mat, options: Petsc, fallback: Petsc):
@@ -315,7 +305,6 @@ class LinearSolver:
         return converged
 
     def _set_operators(self, reuse: bool) -> None:
-        """Set the operator, and the matrix of the preconditioner unless that is reused."""
         kind = PETSc.Mat.Type.BAIJ if self.multigrid else PETSc.Mat.Type.AIJ
         _, rows = self._krylov.getOperators()
         if not reuse:
@@ -469,9 +458,6 @@ _TYPES = {
 @contextmanager
 def refused_in_words(options: Petsc) -> Iterator[None]:
     """Convert an error of PETSc about an option into one that names it and similar names.
-
-    Args:
-        options: Without prefix.
 
     Raises:
         ValueError: PETSc has no such type, or the option no such value.

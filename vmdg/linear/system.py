@@ -39,10 +39,6 @@ UNHELD = 1e-11
 class System:
     """K.du = forces with the tangent at the state of the last residual.
 
-    Args:
-        problem: The problem.
-        petsc: The user's PETSc options, without prefix.
-
     Attributes:
         norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
         drag: Added to the diagonal of K, relative to the norm.

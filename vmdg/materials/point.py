@@ -104,7 +104,6 @@ class PointMaterial(Material):
             deformation: Deformation gradient F, at small strain the symmetric strain (n, 3, 3).
             state: History at the start of the step (n, m).
             dt: Time step [s]; infinite if time does not matter.
-            small: Whether ``deformation`` is a small strain.
         """
         raise NotImplementedError(
             f"{type(self).__name__} has no stress: define __call__(deformation, state, dt, small)"

@@ -29,7 +29,6 @@ def shown(history: History, wanted: Sequence[str] | str | None) -> list[str]:
     """Columns of the last row that the bar shows.
 
     Args:
-        history: The table.
         wanted: Their names, or one name; None for the first ones called force or reaction, possibly
             with suffixes as in "force_x".
 
@@ -50,12 +49,7 @@ def shown(history: History, wanted: Sequence[str] | str | None) -> list[str]:
 
 
 def row_in_words(history: History, wanted: Sequence[str] | str | None) -> list[str]:
-    """Load factor, or time, and chosen columns of the last row, with their units.
-
-    Args:
-        history: The table.
-        wanted: As in :func:`shown`.
-    """
+    """Load factor, or time, and chosen columns of the last row, with their units."""
     row, names = history.rows[-1], shown(history, wanted)
     columns = [f"{name} {_text(row[name])}{_unit(history, name)}" for name in names]
     where = "load" if "load" in row else "time"

@@ -40,7 +40,6 @@ def positions_and_displacements(
     """Reference positions (n, c, 3) and displacements (n, c, d) of corners of cells [mm].
 
     Args:
-        problem: The problem.
         cells: Local cells (n,).
         corners: Corner numbers in them (n, c).
     """
@@ -64,7 +63,6 @@ def nodal_means(problem: Problem, values: NDArray[np.float64]) -> NDArray[np.flo
     Values on both sides of an open interface belong to different nodes.
 
     Args:
-        problem: The problem.
         values: Values at the corners of owned cells (n, corners), in cell order.
 
     Returns:

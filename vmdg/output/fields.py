@@ -58,13 +58,7 @@ class InterfaceFields:
     have zeros. The displacement is that of side 1, at the corners, so the interface can be warped
     with the bodies.
 
-    Args:
-        problem: The problem.
-        interface: Its number, its name or itself.
-        names: Names from :data:`INTERFACE_FIELDS`.
-
     Attributes:
-        functions: The fields by name.
         cell_of_facet: Cell of the facet mesh for every facet of the interface (nf,).
     """
 

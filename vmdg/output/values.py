@@ -35,8 +35,6 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
     """A scalar at the points of an interface this rank owns (nq,).
 
     Args:
-        problem: The problem.
-        interface: Its number, its name or itself.
         name: "opening", "gap" and "traction": g, zeta and T along the current normal, positive in
             opening and tension [mm, mm, MPa]; "slip" and "shear": norm of the tangential part of
             zeta and of T [mm, MPa]; "damage": Q relative to the strength, 1 where there is no bond
@@ -64,8 +62,6 @@ def values_at_points(problem: Problem, interface: Which, quantity: Quantity) -> 
     """Values of a quantity at the points of an interface this rank owns (nq,); collective.
 
     Args:
-        problem: The problem.
-        interface: Its number, its name or itself.
         quantity: A name as for :func:`scalar`, or a function of a state with one value per point.
 
     Raises:
@@ -136,11 +132,6 @@ def facet_scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.fl
 
     Means; the predominant mode, and the root mean square of the fine scales (24): a local measure
     of the error (Figures 18 and 22 of the report), of order h^(k+1).
-
-    Args:
-        problem: The problem.
-        interface: Its number, its name or itself.
-        name: As for :func:`scalar`.
     """
     state, values = problem.state[interface], scalar(problem, interface, name)
     if name == "fine_scale":

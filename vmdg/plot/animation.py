@@ -181,11 +181,7 @@ def film(
 
 
 class GifWriter(AbstractMovieWriter):
-    """Frames with one palette: colours do not flicker, and unchanged regions take no space.
-
-    Attributes:
-        colours: Name of the map of colours.
-    """
+    """Frames with one palette: colours do not flicker, and unchanged regions take no space."""
 
     colours = "viridis"
 

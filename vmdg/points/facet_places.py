@@ -49,14 +49,7 @@ class FacetPlaces(NamedTuple):
 
 
 class FacetPolynomials:
-    """Finds the places on one surface.
-
-    Args:
-        mesh: The mesh.
-        surface: Its facets.
-        points: Points of a segment.
-        degree: Largest degree of a displacement.
-    """
+    """Finds the places on one surface."""
 
     def __init__(self, mesh: Mesh, surface: Surface, points: int, degree: int):
         self._mesh, self._surface, d = mesh, surface, mesh.geometry.dim
@@ -91,7 +84,6 @@ class FacetPolynomials:
 
         Args:
             rows: The facets (ns,).
-            segments: Of the pairs.
             plane: Coordinates in the planes (ns, points, d - 1) [mm].
             u: Displacement in whose configuration the planes are; None for the reference
                 configuration.

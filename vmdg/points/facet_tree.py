@@ -45,11 +45,7 @@ class Facets(Protocol):
 
 
 class FacetTree:
-    """Facets in the leaves of a binary tree, in Morton's order.
-
-    Args:
-        facets: The facets.
-    """
+    """Facets in the leaves of a binary tree, in Morton's order."""
 
     def __init__(self, facets: Facets):
         self.facets, corners = facets, facets.corners
@@ -104,7 +100,6 @@ class FacetTree:
         of the others, by the others.
 
         Args:
-            others: Facets of another surface.
             ahead, behind: Largest distances along their normals, and against them (n,) [mm].
             angle: Cosine of the largest angle between a normal and the reversed other one.
         """

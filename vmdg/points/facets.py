@@ -42,7 +42,6 @@ class InterfaceFacets:
         everywhere: The same interface including the facets of other ranks known here (ghosts).
         damage: Initial damage of the bond (nf,), 1 where it is broken.
         law: The law on these facets: parameters that vary are arrays (nf,).
-        label: Name of the interface in messages.
         walled: Whether one side of every facet is a rigid wall; the same on all ranks.
     """
 
@@ -151,12 +150,7 @@ def find_facets(
     is independent of the partition.
 
     Args:
-        mesh: Mesh with facet ghosts.
-        cell_tags: Tag of every local cell, ghosts included.
-        interface: The user's description.
-        names: Tag by name of the groups of cells.
         label: Name of the interface in messages; None for its name or place.
-        walls: Tags of rigid walls.
 
     Raises:
         ValueError: a facet is not interior, a tag is unknown, nothing is selected, some facets lie
@@ -255,11 +249,8 @@ def _between_groups(
     """Mask of the facets between any two groups, or between those selected by a user's function.
 
     Args:
-        mesh: The mesh.
-        between: The user's argument.
         tags: Tags of the two cells of every local facet (nf, 2), UNTAGGED on the boundary of the
             mesh.
-        label: Name of the interface in messages.
 
     Raises:
         ValueError: the function does not return one truth value per pair; on all ranks.
@@ -378,7 +369,6 @@ def _why_refused(
     values: Mapping[str, NDArray[np.float64]],
     facets: NDArray[np.int32],
 ) -> str:
-    """The error on the first facet on which the law is refused."""
 
     def refused(among: range) -> ValueError | None:
         chosen = slice(among.start, among.stop)
@@ -406,8 +396,6 @@ def facet_values(
     """A user's values on the facets of an interface (nf,); collective.
 
     Args:
-        mesh: The mesh.
-        interface: The user's description.
         given: A number, an array like ``interface.facets``, f(x) of midpoints x (3, n) [mm], or a
             scalar Function on the mesh: the mean of both sides at the midpoints.
         facets: Owned facets (nf,).

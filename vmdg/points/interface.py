@@ -38,7 +38,6 @@ class StabilizationContext:
     """Context of a user's ``stabilization(tau1, tau2, context)``; side 1 first.
 
     Attributes:
-        u: Displacement at which tau is evaluated.
         cells: Local cells of the two sides, (nf, 2).
         local_facets: Number of the facet within these cells, (nf, 2).
         facets: Local facets of the mesh, (nf,).
@@ -416,10 +415,6 @@ def label_of(interfaces: Sequence[Interface], number: int) -> str:
 def number_of(interfaces: Sequence[Interface], which: Which) -> int:
     """Number of one of a problem's interfaces.
 
-    Args:
-        interfaces: All of them.
-        which: The number, the name, or the interface.
-
     Raises:
         IndexError: there is no interface of this number.
         ValueError: there is no interface of this name, or the problem does not have this interface.
@@ -442,12 +437,7 @@ def number_of(interfaces: Sequence[Interface], which: Which) -> int:
 
 
 class InterfaceList(list[T]):
-    """One value per interface, indexed by number, name or the interface itself.
-
-    Args:
-        interfaces: Interfaces of the problem.
-        values: Their values.
-    """
+    """One value per interface, indexed by number, name or the interface itself."""
 
     def __init__(self, interfaces: Sequence[Interface], values: Iterable[T]):
         super().__init__(values)

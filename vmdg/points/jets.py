@@ -40,17 +40,10 @@ class FacetJets:
     """The jets of displacements, and with mean dilatation those of dilatations, on all facets.
 
     Args:
-        space: Space of the displacement.
-        geometry: Gradient and measure.
-        facets: The facets.
         shapes: On both sides the shape functions and their gradients at the points.
 
     Attributes:
-        space: As given.
         entries: (i, j) of the entries of GRAD w in a jet.
-        size: Size of a jet.
-        nodes: Number of nodes per cell.
-        index_map: Index map of the nodes.
         values: Shape functions (nf, points, 2 sides, nodes).
         gradients: Their gradients (nf, points, 2 sides, nodes, d or d + 1), N/r last.
     """

@@ -98,12 +98,6 @@ class PairPoints(Points):
     along the normal of the facet of side 1. Quadrilaterals may be triangles with a repeated corner.
     Contact of bodies that slide has points at the corners of segments, all others have those of
     Gauss.
-
-    Args:
-        mesh: The mesh.
-        facets: The pairs of facets.
-        degree: Degree of the rule.
-        geometry: Gradient and measure.
     """
 
     facets: PairedFacets
@@ -131,7 +125,6 @@ class PairPoints(Points):
         """Take other pairs; collective.
 
         Args:
-            facets: The pairs.
             u: Displacement in whose configuration they are; None for the reference configuration.
 
         Returns:

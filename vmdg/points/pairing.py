@@ -114,15 +114,7 @@ class Surfaces:
     """Two surfaces that share no nodes, side 1 first.
 
     Attributes:
-        mesh: The mesh.
-        whole: The surfaces.
-        tags: Tag of every local cell.
         damage: Initial damage of the bond, by facets of side 1 (n,).
-        law: The law on these facets.
-        label: Name of the interface in messages.
-        walled: Whether one side is a rigid wall.
-        first: Cell tag of side 1.
-        gaps: Whether their distance counts as a gap.
         slides: Whether bodies slide: damage and law are those of the facets of side 1.
         moves: Whether they are paired again in every state, which they are not at small strain.
         thickness: Of the thicker body, see :func:`_thickness` [mm].
@@ -237,10 +229,6 @@ class Surfaces:
     ) -> tuple[float, NDArray[np.float64] | None]:
         """The largest depth by which one body is in the other though nothing is paired nearby, and
         the place, on this rank [mm]; collective.
-
-        Args:
-            segments: The pairs.
-            u: As in :meth:`flat`.
         """
         flat, paired = self.flat(u), self._paired(segments)
         deepest = global_max(self.mesh.comm, -segments.away.min(initial=0.0))
@@ -258,8 +246,6 @@ class Surfaces:
         paired; collective, the answer is that of this rank.
 
         Args:
-            segments: The pairs.
-            u: Displacement.
             start: Displacement at the start of the step, local dofs [mm].
         """
         found = [self.overlap(segments, u)[1] is not None]
@@ -298,9 +284,7 @@ class PairedFacets(InterfaceFacets):
         facets: Facet of side 1 (ns,).
         everywhere: Facets of both surfaces that belong to a pair.
         others: Facet of side 2 (ns,).
-        segments: The segments.
         extent: Length of the larger facet of a pair, in 3D the square root of its area (ns,) [mm].
-        surfaces: Where they come from.
         bonded: Number of leading rows that keep the pairs of the reference configuration, though
             surfaces slide.
     """
@@ -416,10 +400,7 @@ def place(
     collective.
 
     Args:
-        mesh, cell_tags, interface, names, label, walls: As for :func:`.find_facets`.
         stiffness: Of cells [MPa], to choose side 1 of surfaces that slide.
-        geometry: Whose axis is no surface.
-        small: Small-strain kinematics, with pairs of the reference configuration.
 
     Raises:
         ValueError: as in :func:`.find_facets`; the surfaces do not lie opposite each other, a facet

@@ -58,11 +58,7 @@ class Points:
     communication.
 
     Attributes:
-        mesh: The mesh.
         facets: Facets of the interface, or the segments that take their place.
-        degree: Degree of the rule.
-        d: Dimension.
-        geometry: Gradient and measure.
         points: Reference positions, of side 1 (nq, 3) [mm].
         weights: Reference area of the points (nq,) [mm2; mm in plane strain]; of the full circle, 2
             pi r ds, in axisymmetry.
@@ -165,9 +161,6 @@ class Points:
         (ns, points, 2, entries), with the mean of a periodic cell, without a dilatation or F_33.
 
         Computed once for all evaluators.
-
-        Args:
-            u: The displacement.
         """
         mean = getattr(self.geometry, "macroscopic", None)
         known = u.x.array
@@ -205,11 +198,7 @@ class Points:
         its area per area of side 1.
 
         Args:
-            u: Displacement, changed by the solver.
-            bodies: Materials.
-            shape: Shape of the expression.
             expression: Of the body, F, N and the side, 0 or 1.
-            name: Its purpose.
             fluid: Fluid pressure at the points; None for none.
         """
 
@@ -258,14 +247,7 @@ class Points:
 
 
 class FacetPoints(Points):
-    """The quadrature points of facets between cells that match.
-
-    Args:
-        mesh: The mesh.
-        facets: The facets.
-        degree: Degree of the rule.
-        geometry: Gradient and measure.
-    """
+    """The quadrature points of facets between cells that match."""
 
     def __init__(
         self, mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geometry = CARTESIAN
@@ -303,13 +285,6 @@ class _PointExpressions:
     """An expression of the body, F and N at the points of one side, by a kernel for every region.
 
     Args:
-        quadrature: The points.
-        u: Displacement, changed by the solver.
-        bodies: Materials.
-        a: The side, 0 or 1.
-        shape: Shape of the expression.
-        expression: Of the body, F, N and the side.
-        name: Its purpose.
         fluid: Fluid pressure at the points; None for none.
     """
 
@@ -395,7 +370,6 @@ class _PointExpressions:
         return np.einsum("pm,pmi->pi", basis.reshape(len(cells), -1), values)
 
     def _take_points(self) -> None:
-        """Take the present points."""
         quadrature, self._taken = self._quadrature, self._quadrature.taken
         self._cells = quadrature.facets.cells[quadrature.facet, self._a]
         region = self._region[self._cells]

@@ -27,8 +27,8 @@ from .facet_tree import FacetTree
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
-#: Cosine of the largest angle between a normal and the reversed normal of a facet opposite to it: 60
-#: degrees, rounding included.
+#: Cosine of the largest angle between a normal and the reversed normal of a facet opposite to it:
+#: 60 degrees, rounding included.
 OPPOSITE = 0.5 - 1e-9
 
 #: Distance beyond which open pairs are left out where surfaces are paired again in every state,
@@ -169,8 +169,6 @@ def cut(
     facet of either body is between them, see :func:`_facing`.
 
     Args:
-        first: Facets whose planes are used.
-        second: The other surface.
         most: Largest distance or overlap [mm].
         reach: Largest distance, not overlap, relative to the radius of the larger facet.
         whole: The first surface, and which of its facets ``first`` are.
@@ -217,10 +215,8 @@ def _facing(
     leaves its hole are no pair, though its interference is in front of the other end of the hole.
 
     Args:
-        segments: The segments.
         x: Their middles (n, d) [mm].
         mine: Their facets of side 1 (n,).
-        bodies: Both surfaces.
     """
     one, two = bodies
     normals, theirs = one.facets.normals[mine], segments.second
@@ -269,9 +265,6 @@ def inside(facets: FlatFacets, body: FlatFacets, paired: Numbers, deepest: float
     of the surface, or twice the deepest overlap of pairs.
 
     Args:
-        facets: Facets of one surface that have no partner.
-        body: The other surface.
-        paired: Its facets that have a partner.
         deepest: The deepest overlap of pairs [mm].
     """
     x, N, tree = facets.centres, facets.normals, FacetTree(body)
@@ -294,11 +287,6 @@ def passed(facets: FlatFacets, body: FlatFacets, before: tuple[FlatFacets, FlatF
     """Whether facets without a partner have gone through another body: the middle of one was in
     front of its surface, crossed a facet on the straight way, seen from this facet, and is behind
     one, not next to it.
-
-    Args:
-        facets: Facets that have no partner now.
-        body: The other surface.
-        before: Both at the start of the step.
     """
     if not len(facets.corners) or not len(body.corners):
         return False

@@ -208,13 +208,6 @@ def check_points(
 ) -> None:
     """Check what is given together with materials at points; warns of locking.
 
-    Args:
-        mesh: The mesh.
-        materials: By tag.
-        interfaces: The interfaces.
-        kinematics: Of the problem.
-        locks: Whether cells lock if the volume is kept.
-
     Raises:
         ValueError: other kinematics than those of a material, or the traction jump.
     """
@@ -243,12 +236,6 @@ def check_points(
 
 def check_walls(bodies: Bodies, strains: Mapping[int, Any], repeats: bool, axial: bool) -> None:
     """Check what is given together with rigid walls.
-
-    Args:
-        bodies: Materials on the mesh.
-        strains: Eigenstrains by tag.
-        repeats: Whether the mesh is a periodic cell.
-        axial: Whether F_33 of generalized plane strain is unknown.
 
     Raises:
         ValueError: there is no deformable body, a wall has an eigenstrain, or the mean strain of
@@ -348,11 +335,6 @@ def check_approximation(mesh: Mesh, degree: int, kinematics: str, residual: str)
 def check_condition(what: str, where: Any, value: Any) -> None:
     """Check for a location and a value rather than a DOLFINx condition.
 
-    Args:
-        what: Name of the condition for messages.
-        where: The user's location.
-        value: The user's value.
-
     Raises:
         TypeError: one of them is a DirichletBC, or there is no value.
     """
@@ -395,7 +377,6 @@ def check_pairs(facets: Sequence[InterfaceFacets], others: Mapping[str, bool]) -
     """Check what is given together with interfaces whose meshes do not match.
 
     Args:
-        facets: Facets of the interfaces.
         others: Whether the problem has a feature, by what the user wrote for it.
 
     Raises:
@@ -449,13 +430,6 @@ def check_faces(
 ) -> None:
     """Check that no interface that can fail lies on the tied boundary of a periodic cell;
     collective.
-
-    Args:
-        mesh: The mesh.
-        tags: Tag of every local cell.
-        lattice: Lattice of the cell.
-        interfaces: The user's interfaces.
-        facets: Facets of the interfaces.
 
     Raises:
         ValueError: opposite faces do not match, the two groups of such an interface meet across the

@@ -51,8 +51,6 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
     """Look for missing or conflicting supports and implausible numbers.
 
     Args:
-        problem: The problem, about to be solved.
-        loads: Load factors to reach.
         traced: Whether load factors may decrease along the path where bonds break.
 
     Returns:
@@ -90,7 +88,6 @@ def checked_loads(
 
     Args:
         loads: The user's loads; an int is a number of equal steps to 1.
-        problem: The problem, at the initial load factor.
         rows: Rows of an earlier run to continue, in which case there may be no loads.
 
     Raises:
@@ -128,7 +125,6 @@ def checked_loads(
 
 
 def _equal_steps(number: int, start: float) -> NDArray[np.float64]:
-    """Load factors of equal steps from one to 1."""
     if number < 1:
         raise ValueError(f"solve: loads = {number} is a number of steps and must be at least 1")
     if start >= 1:
@@ -335,7 +331,6 @@ def check_duration(problem: Problem, duration: float) -> None:
     A wave at c = sqrt(E/rho) takes h/c through a cell of the size h, here those at interfaces.
 
     Args:
-        problem: With a density.
         duration: Of the motion [s].
     """
     rho, message = max(moving(problem.step.motion).density.values()), None
@@ -357,7 +352,6 @@ def _check_zones(problem: Problem, steep: set[int]) -> None:
     """Warn once about facets whose point distance exceeds the length of the process zone.
 
     Args:
-        problem: In its reference configuration.
         steep: Interfaces with an earlier warning for the same reason.
     """
     k, comm, worst = problem.space.ufl_element().degree, problem.comm, 1.0

@@ -79,13 +79,7 @@ class Damping:
     """Viscous forces of a problem.
 
     Args:
-        discretization: The space.
         density: Mass per reference volume, a Function of degree 0.
-        rayleigh: Damping of the bodies.
-
-    Attributes:
-        rayleigh: As given.
-        dashpots: Local boundary facets and their viscosity.
     """
 
     def __init__(self, discretization: Discretization, density: fem.Function, rayleigh: Rayleigh):

@@ -65,15 +65,10 @@ class _Start:
     """Start and type of a step.
 
     Attributes:
-        state: The converged state.
         loads: Over local dofs [N].
-        fluids: Pressures and gaps, see :meth:`Ledger._fluids`.
         dt: Time step [s].
-        slowed: Whether with an overstress.
-        cycles: Number of load cycles.
         added: Energy added by its tau_s [N mm].
         rate: Derivative of the energy by the eigenstrains [N mm].
-        forces: Forces with its tau_s and loads, if known.
     """
 
     state: Snapshot
@@ -88,16 +83,7 @@ class _Start:
 
 
 class Ledger:
-    """Works in the steps of a problem.
-
-    Args:
-        discretization: For the open facets.
-        loading: Loads and prescribed displacements.
-
-    Attributes:
-        discretization: As above.
-        works: Works so far.
-    """
+    """Works in the steps of a problem."""
 
     def __init__(self, discretization: Discretization, loading: Loading):
         self.discretization, self._loading = discretization, loading
@@ -172,10 +158,7 @@ class Ledger:
         works; the ledger is left as it was; collective.
 
         Args:
-            start: The other state.
             loads: Its loads, local dofs [N].
-            before: Works up to there.
-            finish: Compute pending work, as :meth:`complete`.
         """
         begun, works = self._start, self.works
         self._start = replace(begun, state=start, loads=loads, forces=None)
@@ -339,7 +322,6 @@ class Ledger:
         Args:
             slopes: phi at start and end from the loads, this rank's [N mm].
             gap: d zeta, flat [mm].
-            entered, at_rest: As for :class:`.Pending`.
         """
         start, forces, t = self._start.state, self._start.forces, self._loading.t
         change = self.discretization.u.x.array - start.u, gap

@@ -33,8 +33,6 @@ def checked_density(
     """Density by tag; warns of values that are probably in different units; collective.
 
     Args:
-        comm: All ranks.
-        density: The user's, by tag.
         deformable: Tags of the bodies that are not rigid walls.
 
     Raises:
@@ -68,10 +66,8 @@ class Plan(NamedTuple):
     """Where an explicit run is between two renewals, for one that continues it.
 
     Attributes:
-        count: Number of steps since the last renewal.
         critical: The critical step found there [s].
         longest: The longest one so far [s].
-        cuts: Number of times that steps are halved.
     """
 
     count: int
@@ -87,8 +83,6 @@ class MotionState(NamedTuple):
         velocity: Local dofs [mm/s].
         acceleration: Owned dofs [mm/s2].
         carried: Inertial and viscous forces of owned dofs [N].
-        lumped: As for :class:`Motion`.
-        plan: As for :class:`Motion`.
     """
 
     velocity: Array
@@ -109,15 +103,12 @@ class Motion:
         discretization: The space; facets that open on demand would change it.
         density: Mass per reference volume by tag, in units such that 1 is force times time squared
             per length to the fourth: t/mm3 with N, mm and s.
-        rayleigh: Damping of the bodies.
 
     Attributes:
-        density: As given.
         velocity: Of the displacement, in a periodic cell of w [mm/s].
         acceleration: Owned dofs [mm/s2].
         carried: Inertial and viscous forces of owned dofs at the end of the last step, which
             supports carry in addition to the internal ones [N].
-        damping: Viscous forces.
         lumped: Lumped masses of owned dofs, from which the kinetic energy follows [N s2/mm]; None
             for the consistent mass matrix.
         plan: Of the last explicit step; None for none.

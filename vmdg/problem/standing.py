@@ -39,14 +39,7 @@ _EDGES = 8
 def falling(
     problem: Problem, parts: Parts, interfaces: Sequence[ActiveInterface], t: float
 ) -> set[int]:
-    """Names of the parts not supported by constraints, contact and friction; collective.
-
-    Args:
-        problem: In its reference configuration.
-        parts: The connected parts.
-        interfaces: The interfaces between them.
-        t: Load factor.
-    """
+    """Names of the parts not supported by constraints, contact and friction; collective."""
     comm = problem.comm
     forces = _forces(problem, t)
     every = np.arange(len(forces), dtype=np.int32)

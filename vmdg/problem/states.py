@@ -89,7 +89,6 @@ class Pending:
     """Curvature term of the work of a step, as estimated, and the data to compute it.
 
     Attributes:
-        start: The state at the start of the step.
         change: Change of the displacement, local dofs [mm], and of zeta, flat [mm].
         slopes: phi of :mod:`.work` at the start, before and with tau_s of the step, and at the end,
             this rank's [N mm].
@@ -134,9 +133,7 @@ class Rate:
 
     Attributes:
         u: Of the displacement, local dofs, ghosts included [mm].
-        t: Of the load factor.
         forces: Of the nodal forces, local dofs [N].
-        interfaces: Of every active interface.
         works: Works of runs with a slightly larger and smaller value; None if they are not needed.
     """
 
@@ -152,9 +149,7 @@ class Rates:
     """Derivatives of a state by all parameters.
 
     Attributes:
-        by_name: By name of the parameter.
         jumps: Number of jumps so far, which have no derivative: in them history counts as fixed.
-        known: False at the end of a jump.
     """
 
     by_name: dict[str, Rate]

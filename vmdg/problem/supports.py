@@ -38,14 +38,7 @@ _LOW = 0xFFFFFFFF
 
 
 class LoosePart(NamedTuple):
-    """A part of a problem that can move as a rigid body.
-
-    Attributes:
-        name: Its number.
-        tags: Tags of its cells.
-        motions: Description of its free motions.
-        cells: Its cells on this rank, ghosts included.
-    """
+    """A part of a problem that can move as a rigid body."""
 
     name: int
     tags: list[int]
@@ -57,9 +50,6 @@ class Parts(NamedTuple):
     """The parts that can move as rigid bodies, and their constraints; the same on every rank.
 
     Attributes:
-        label: Name of its part for every local cell.
-        names: Names of all parts, ascending.
-        tags: Tags of the cells of every part.
         gram: Sum of m m^T over constrained dofs, m the rigid motions (parts, modes, modes).
     """
 
@@ -81,10 +71,6 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
     """Parts with a free rigid motion if only some interfaces are intact; collective.
 
     Cells are connected by shared nodes, and across the facets of these interfaces.
-
-    Args:
-        problem: With all its prescribed displacements.
-        interfaces: The intact interfaces.
     """
     return loose_among(problem, parts_of(problem, interfaces))
 
@@ -202,7 +188,6 @@ def _parts(
     """The rigid parts and their constraints; collective.
 
     Args:
-        problem: With all its prescribed displacements.
         joined: Pairs of cells (n, 2) connected in addition to those that share a node.
         links: Pairs of cells (n, 2) connected at a point (n, 3).
     """
@@ -319,7 +304,6 @@ def motions_at(
 def _part_of_nodes(
     problem: Problem, label: NDArray[np.int64], parts: NDArray[np.int64]
 ) -> NDArray[np.intp]:
-    """Part of every local node, as index into ``parts``."""
     dofmap = problem.space.dofmap
     result = np.zeros(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.intp)
     result[dofmap.list] = np.searchsorted(parts, label)[:, None]

@@ -83,7 +83,6 @@ def next_increment(
     It is not if the path is not STRAIGHT, where 0 is predicted, or if it exceeds CURVED.
 
     Args:
-        comm: Communicator of the problem.
         last: The previous step; None if the path does not continue it.
         forces: Change of dPi/dz, owned dofs and points [N].
         z: Change of displacement and gap, owned dofs and points [mm], and of the load factor.
@@ -108,13 +107,7 @@ def next_increment(
 
 
 def chord_integral(first: float, last: float, phi: Callable[[float], float], size: float) -> float:
-    """int_0^1 phi ds by Simpson's or Boole's rule.
-
-    Args:
-        first, last: phi(0) and phi(1).
-        phi: Function of s.
-        size: Reference size for FINE.
-    """
+    """int_0^1 phi ds by Simpson's or Boole's rule."""
     middle = phi(0.5)
     simpson = (first + 4 * middle + last) / 6
     if abs(simpson - (first + last) / 2) <= FINE * size:

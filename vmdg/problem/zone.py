@@ -72,11 +72,7 @@ class Zones(NamedTuple):
 
 
 def process_zones(problem: Problem) -> dict[int, Zones]:
-    """Zones of all interfaces with a bond, by their number; collective.
-
-    Args:
-        problem: In its reference configuration.
-    """
+    """Zones of all interfaces with a bond, by their number; collective."""
     chosen = {
         i: facets for i, facets in enumerate(problem.step.activation.facets) if facets.law.has_bond
     }

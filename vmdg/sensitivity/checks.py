@@ -17,8 +17,6 @@ def check_differentiable(problem: Problem, options: _Options, resumed: bool) -> 
     """Refuse a run that cannot be differentiated.
 
     Args:
-        problem: The problem.
-        options: Options of the run.
         resumed: Whether it continues the history of an earlier one.
 
     Raises:

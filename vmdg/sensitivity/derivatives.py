@@ -52,9 +52,6 @@ class _Partial:
 
     Attributes:
         histories: Of the start of the step, of every interface.
-        stabilizations: Of the step.
-        trials: Of the input of return maps.
-        changes: Whether more than history and law changes.
     """
 
     histories: list[PointHistory]
@@ -118,7 +115,6 @@ class Derivatives:
         return Rate(zero, 0.0, zero, interfaces, (works, works) if self._energy else None)
 
     def _strength_rate(self, parameter: Parameter, i: int) -> Array | float:
-        """Rate of the strength of the law of an interface."""
         one, other = (self._laws[parameter.name][h][i].strength for h in (CHANGE, -CHANGE))
         return (one - other) / (2 * CHANGE)
 
@@ -128,7 +124,6 @@ class Derivatives:
         """Differentiate a converged step that is not yet committed.
 
         Args:
-            system: Linear systems of the tangent.
             follows: Whether the load factor is an unknown of the step.
             onset: Whether the step then ends at the onset of damage, a corner of the path, with
                 which its row moves.
@@ -187,9 +182,6 @@ class Derivatives:
         Args:
             found: Displacements at fixed load factor by parameter, and by the load factor, with
                 their forces.
-            onset: As of :meth:`advance`.
-            given: Input of return maps.
-            points: Rates at the points of every interface.
         """
         *still, along = (u for u, _ in found)
         products = [along @ u for u in (*still, along)]

@@ -37,13 +37,7 @@ _OF_LAME: dict[str, Callable[[Array, Array], Array]] = {
 class Parameter:
     """A parameter of a problem.
 
-    Args:
-        problem: The problem.
-        name: Its name.
-
     Attributes:
-        name: As given.
-        value: Its value, 1 where it varies in space.
         of_body: Whether it changes the forces of bodies at a given displacement.
     """
 
@@ -64,14 +58,7 @@ class Parameter:
 
 
 class LawParameter(Parameter):
-    """A parameter of the laws of some interfaces.
-
-    Args:
-        problem: The problem.
-        name: Its name.
-        numbers: Numbers of the interfaces.
-        field: Name of the parameter of the law.
-    """
+    """A parameter of the laws of some interfaces."""
 
     def __init__(self, problem: Problem, name: str, numbers: Sequence[int], field: str):
         super().__init__(problem, name)
@@ -117,8 +104,6 @@ class BodyParameter(Parameter):
     """A parameter of the material of groups of cells.
 
     Args:
-        problem: The problem.
-        name: Its name.
         tags: Tags of the cells, whose materials share a kernel.
         field: Name of the parameter: one of the material, or E or nu of Lame parameters.
     """
@@ -180,13 +165,7 @@ class BodyParameter(Parameter):
 
 
 class EigenstrainParameter(Parameter):
-    """A factor on the eigenstrain of a group of cells.
-
-    Args:
-        problem: The problem.
-        name: Its name.
-        tag: Tag of the cells.
-    """
+    """A factor on the eigenstrain of a group of cells."""
 
     of_body = True
     value = 1.0
@@ -211,7 +190,6 @@ class _Place:
 
     Attributes:
         make: Makes a parameter from its full name and its field.
-        fields: Parameters by name, with one of their values.
     """
 
     make: Callable[[str, str], Parameter]

@@ -63,9 +63,6 @@ class PointRates:
     the displacement.
 
     Args:
-        active: The interface, at the end of a step.
-        given: Input of its return map there.
-        changes: By parameter, at fixed displacement.
         dt: Time step of the return map [s].
     """
 
@@ -234,7 +231,6 @@ def _joins(law: Law) -> bool:
 
 
 def _joined(law: Law, laws: Sequence[Law], count: int, rows: NDArray[np.intp]) -> Law:
-    """Laws at some of ``count`` points each, as one law at all of them."""
     if not _joins(law):
         return laws[0]
     names = [name for name in parameter_names(law) if name in VARYING]

@@ -79,12 +79,6 @@ def rate_of(
 
     Next to a kink, where one of the neighbouring values is on another branch, the rate is that
     towards the other neighbour.
-
-    Args:
-        here: Values.
-        higher, lower: Values at +h and -h.
-        modes: Branches of the three.
-        h: Distance.
     """
     after, before = modes[1] == modes[0], modes[2] == modes[0]
     if (after & before).all():

@@ -30,11 +30,7 @@ RAISED = 1e-2
 
 
 class StabilizationRates:
-    """Rates of tau_s and delta of all interfaces of a problem; all methods are collective.
-
-    Args:
-        problem: The problem.
-    """
+    """Rates of tau_s and delta of all interfaces of a problem; all methods are collective."""
 
     def __init__(self, problem: Problem):
         self._problem, self._parts = problem, problem.discretization
@@ -52,12 +48,7 @@ class StabilizationRates:
     def of_step(
         self, parameters: Sequence[Parameter], rates: Sequence[Rate]
     ) -> list[list[Stabilization]]:
-        """Rates of tau_s and delta of the step by every parameter, which are those of its start.
-
-        Args:
-            parameters: The parameters.
-            rates: Of the start of the step, by parameter.
-        """
+        """Rates of tau_s and delta of the step by every parameter, which are those of its start."""
         before = [[one.stabilization for one in rate.interfaces] for rate in rates]
         if self._parts.constant_stabilization:
             return [list(map(_in_forms, self._actives, one)) for one in before]

@@ -15,11 +15,9 @@ class Attempt:
     Attributes:
         converged: Whether the residual met the tolerance at the end of the step.
         norms: Residual norms on the free dofs, before every correction and at the end [N].
-        reason: PETSc's convergence reason, or one of vmdg.solver.reasons.
         goal: Residual norm at which the step has converged [N].
         krylov: Krylov iterations of all linear systems of the step, the predictor's included; 0
             where they were solved directly.
-        guessed: How far the predictor went.
         end: Load factor, or overstress in a jump, at its end.
         slope: dD/dlambda at its end, D the damage work; 0 if D does not grow [N mm].
         onset: Whether the step ends at the onset of damage, a kink of the path.

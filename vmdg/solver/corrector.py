@@ -44,15 +44,7 @@ Array = NDArray[np.float64]
 
 
 class Corrector:
-    """Finds the equilibrium in which a step ends, with one matrix and one SNES for all steps.
-
-    Args:
-        problem: The problem.
-        options: Options of the solver.
-
-    Attributes:
-        discretization: The discretization for which it was created.
-    """
+    """Finds the equilibrium in which a step ends, with one matrix and one SNES for all steps."""
 
     def __init__(self, problem: Problem, options: SolveOptions):
         self.discretization = problem.discretization
@@ -78,9 +70,7 @@ class Corrector:
         """Find the equilibrium at which the first of the limits is met; collective.
 
         Args:
-            limits: Where the step ends.
             dt: Time step of the return maps [s].
-            last: The previous step, as in :meth:`.Steps.attempt`.
         """
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
@@ -163,7 +153,6 @@ class _Newton:
         self._rate: Rate | None = None  # derivative by the parameter, at the last correction
 
     def attempt(self) -> Attempt:
-        """The outcome of the attempt."""
         return Attempt(
             norms=self._norms,
             goal=self._goal,

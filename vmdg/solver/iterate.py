@@ -37,20 +37,11 @@ class Iterate:
     """The iterate of an attempt, the state of the problem; all methods are collective.
 
     Args:
-        problem: The problem.
-        system: Linear systems of its tangent.
-        pieces: Connected pieces of its interfaces.
-        numbers: Parameters of path following.
         size: Size of the body [mm].
-        limits: Limits of the step.
         dt: Time step of the return maps [s].
-        continues: Whether damage continues that of the last step.
 
     Attributes:
         limits: As given, or those of a step that ends at the onset of damage.
-        parameter: The control parameter.
-        start: Where the step starts.
-        sound: Pieces of the interfaces there.
         along: Unit tangent of the path there; None while unknown.
     """
 

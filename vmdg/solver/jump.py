@@ -28,12 +28,9 @@ def jump(
     sufficiently large s. It ends in a stable state.
 
     Args:
-        steps: Runs the attempts.
-        t: Load factor.
         most: Largest damage work in a step [N mm].
         limit: The last state of the stable path. What is released relative to it replaces the work
             of the overstress.
-        start: A state that is unstable at this load.
 
     Returns:
         The last attempt and the number of attempts. If it fails the problem is in the state at the

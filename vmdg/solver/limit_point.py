@@ -21,7 +21,6 @@ class PathPoint(NamedTuple):
         work: Damage work, relative to some state [N mm].
         height: Load factor in the direction of loading, relative to some state.
         slope: Derivative of the height by the work; NaN if unknown.
-        state: The state.
     """
 
     work: float
@@ -40,11 +39,7 @@ def limit_point(
     oscillates.
 
     Args:
-        steps: Runs the attempts.
         last: The state before the limit; None where there is none.
-        limit: The last state before the load falls.
-        beyond: The state after it.
-        way: Change of the load factor in the stage.
     """
     step, numbers, sense = steps.problem.step, steps.options.path, math.copysign(1.0, way)
     small = numbers.small * abs(way)

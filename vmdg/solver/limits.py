@@ -53,7 +53,6 @@ class Reach(NamedTuple):
     """Values of the limited quantities at a state of a step, or their rates along a direction.
 
     Attributes:
-        t: Parameter.
         work: Damage work [N mm].
         way: Arc length: displacement along the path tangent at the start of the step [mm].
     """
@@ -67,7 +66,6 @@ class Jump(NamedTuple):
     """Data of a step in a jump.
 
     Attributes:
-        t: Load factor.
         drag: Viscous resistance of bodies for an overstress of H, relative to the norm of K.
     """
 
@@ -80,13 +78,10 @@ class Limits:
     """The limits of a step.
 
     Attributes:
-        start: Initial parameter.
-        target: Final parameter, never exceeded.
         span: Size of the stage, the largest change of the parameter in a correction.
         onset: Damage work below which damage counts as starting; 0 to ignore this [N mm].
         work: Damage work [N mm].
         way: Arc length [mm].
-        jump: The jump, if the parameter is the overstress.
     """
 
     start: float
@@ -132,11 +127,6 @@ class Limits:
 
         Forward is the direction of increasing damage work, otherwise of the arc length if it is
         limited, otherwise towards the target.
-
-        Args:
-            now: Current values of the iteration.
-            zero: Rates along du_0.
-            one: Rates along du_1, per unit of the parameter.
         """
         way = one.way if self.way < math.inf else 0.0
         forward = math.copysign(1.0, one.work or way or self.toward)

@@ -77,9 +77,6 @@ def differentiable_energies(problem: Problem) -> dict[str, float]:
 def check_functions(**functions: Monitor | Until | None) -> None:
     """Check before a run that functions are callable.
 
-    Args:
-        functions: The user's functions by argument name.
-
     Raises:
         TypeError: one is not a function.
     """

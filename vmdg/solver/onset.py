@@ -29,7 +29,6 @@ class Sound(NamedTuple):
     """The pieces at the start of a step.
 
     Attributes:
-        elastic: Whether nothing fails.
         points: Points of sound pieces; empty if there are none.
         counted: Points of pieces that have only begun to fail, whose damage work limits the step;
             empty if there are none.
@@ -41,14 +40,7 @@ class Sound(NamedTuple):
 
 
 class Pieces:
-    """The connected pieces of the interfaces with a bond; all methods are collective.
-
-    Args:
-        discretization: The open facets.
-
-    Attributes:
-        interfaces: The interfaces with a bond.
-    """
+    """The connected pieces of the interfaces with a bond; all methods are collective."""
 
     def __init__(self, discretization: Discretization):
         active = discretization.active.values()

@@ -60,7 +60,6 @@ def _petsc_option(item: tuple[object, object]) -> bool:
 
 
 def _check(options: object, name: str, words: str, fits: Callable[[Any], bool]) -> None:
-    """Check the value of an option."""
     value = getattr(options, name)
     try:
         fit = fits(value)

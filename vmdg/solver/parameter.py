@@ -33,8 +33,6 @@ class Parameter:
     """A constant load factor; base class of variable parameters.
 
     Attributes:
-        moves: Whether it is variable.
-        least: Lower bound.
         drag: Viscous resistance of bodies, relative to the norm of K.
     """
 

@@ -21,16 +21,7 @@ from .steps import Steps
 
 
 class Part(NamedTuple):
-    """A converged step on the way to a given load factor.
-
-    Attributes:
-        t: Load factor.
-        done: Completed fraction of the stage.
-        size: Change of the load factor in the step.
-        attempt: Its attempt.
-        cuts: Number of failed attempts.
-        jumps: Number of steps in a jump.
-    """
+    """A converged step on the way to a given load factor."""
 
     t: float
     done: float
@@ -45,13 +36,10 @@ class Stage:
     """The way to a given load factor.
 
     Attributes:
-        start: Load factor.
-        target: Load factor.
         follows: Whether loads are linear in between, so that the path is followed; otherwise load
             control is used.
         traces: Whether snaps are traced, or stop the run, rather than jumped over.
         most: Largest damage work in a step [N mm].
-        leapt: Load factors of jumps without progress.
     """
 
     start: float
@@ -90,8 +78,6 @@ class Size:
 
     Attributes:
         way: Arc length [mm].
-        stride: Change of the load factor under load control.
-        last: The previous step, see :meth:`.Steps.attempt`.
         idle: Number of steps without progress since the last one with damage.
     """
 
@@ -108,7 +94,6 @@ class Crest:
     Attributes:
         last: The last state before it and the step between them; None where there is none.
         limit: The state of the largest load; None while the load grows.
-        kept: Buffered steps beyond it and their states.
     """
 
     last: tuple[Snapshot, Attempt] | None = None
@@ -117,12 +102,7 @@ class Crest:
 
 
 class Path:
-    """Follows the equilibrium path of a problem.
-
-    Args:
-        steps: Runs the attempts.
-        result: Receives the failures.
-    """
+    """Follows the equilibrium path of a problem."""
 
     def __init__(self, steps: Steps, result: Result):
         self._steps, self._result = steps, result
@@ -277,7 +257,6 @@ class Path:
         return not moves and self._size.idle >= self._numbers.patience
 
     def _strode(self, limits: Limits, stride: float) -> Limits:
-        """Limits with a target within a stride."""
         if stride >= limits.length:
             return limits
         return replace(limits, target=limits.start + limits.toward * stride)
@@ -307,7 +286,6 @@ class Path:
         return self._strode(limits, limits.length * share)
 
     def _next_size(self, stage: Stage, limits: Limits, found: Attempt, cuts: int) -> Size:
-        """Size of the next step."""
         numbers, options, size = self._numbers, self._options, self._size
         step, t = self._problem.step, self._problem.t
         slides = self._problem.discretization.slides

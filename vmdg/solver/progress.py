@@ -14,13 +14,7 @@ from .options import SolveOptions
 
 
 class Progress:
-    """The bar of a run and, with ``options.verbose``, its attempts; printed on rank 0.
-
-    Args:
-        problem: The problem.
-        count: Number of load factors to reach.
-        options: Options of the solver.
-    """
+    """The bar of a run and, with ``options.verbose``, its attempts; printed on rank 0."""
 
     def __init__(self, problem: Problem, count: int, options: SolveOptions):
         self._problem = problem
@@ -55,9 +49,6 @@ class Progress:
 
         Args:
             done: Number of load factors reached, including a fraction of the current one.
-            size: Size of the step.
-            attempt: The attempt.
-            history: The history of the run.
         """
         if not self._options.progress:
             return
@@ -96,13 +87,7 @@ class Progress:
 
 
 def described(start: float, limits: Limits, attempt: Attempt) -> str:
-    """Description of an attempt of a step: its limits, residual norms and outcome.
-
-    Args:
-        start: Current load factor of the problem.
-        limits: Its limits.
-        attempt: The attempt.
-    """
+    """Description of an attempt of a step: its limits, residual norms and outcome."""
     jump = limits.jump
     slowed = f" with an overstress of {attempt.end:.3g} H" if jump else ""
     norms = " ".join(f"{norm:.3e}" for norm in attempt.norms)

@@ -11,7 +11,6 @@ class Reason(NamedTuple):
     """Why a step failed.
 
     Attributes:
-        happened: A main clause.
         helps: Options and modelling choices, in the order to try them.
     """
 
@@ -163,7 +162,6 @@ def reason(text: str, in_time: bool = False) -> Reason:
     Args:
         text: `Attempt.reason`: a reason of PETSc or of a step, possibly with details, or a complete
             sentence with its remedy.
-        in_time: Whether of a run in time.
     """
     word = text.partition(" ")[0]
     if in_time and word in IN_TIME:
@@ -174,12 +172,7 @@ def reason(text: str, in_time: bool = False) -> Reason:
 
 
 def explained(attempts: Sequence[str], in_time: bool = False) -> str:
-    """Message for a failed step: what happened, from the last attempt backwards, and what helps.
-
-    Args:
-        attempts: Reasons of its attempts.
-        in_time: Whether of a run in time.
-    """
+    """Message for a failed step: what happened, from the last attempt backwards, and what helps."""
     told = []
     for text in dict.fromkeys(reversed(attempts)):
         times = attempts.count(text)

@@ -38,11 +38,6 @@ def agreed(
     """Check the arguments that all runs have; collective.
 
     Args:
-        problem: The problem.
-        call: Name of the user's call.
-        options: The user's.
-        history: The user's.
-        functions: The user's functions by argument name.
         given: Further arguments, which must be equal on all ranks.
 
     Returns:
@@ -83,13 +78,7 @@ class Run:
     """A run within :func:`run_of`.
 
     Args:
-        problem: The problem.
-        options: Options of the solver.
-        result: To which rows are added.
         check: May raise to end the run; called before every attempt.
-        progress: Progress output.
-        file: Table of the history.
-        rows: State of the last row.
     """
 
     def __init__(
@@ -107,12 +96,7 @@ class Run:
         self._file, self._rows, self._written = file, rows, len(result.history)
 
     def add(self, row: Mapping[str, Any], found: Attempt) -> None:
-        """Add a row for the current state, to which an exception returns from now on; collective.
-
-        Args:
-            row: Its columns.
-            found: The step that ends in it.
-        """
+        """Add a row for the current state, to which exceptions return from now on; collective."""
         self._result.history.append(row)
         self._result.residuals.append(found.norms)
         self._rows.hold()
@@ -123,11 +107,7 @@ class Run:
         self._rows.back()
 
     def save(self, at_end: bool = False) -> bool:
-        """Write a checkpoint if it is due, and return whether; collective.
-
-        Args:
-            at_end: Whether it is due for any new row.
-        """
+        """Write a checkpoint if it is due, and return whether; collective."""
         folder, unsaved = self._options.checkpoint, len(self._result.history) - self._written
         if not unsaved or not (at_end or unsaved >= self._options.checkpoint_every):
             return False
@@ -145,10 +125,6 @@ def run_of(
     by a failed step; collective.
 
     Args:
-        problem: In the state in which the run starts.
-        options: Options of the solver.
-        result: Takes rows, counts and timings.
-        count: Number of load factors or times.
         continued: Whether the history is that of an earlier run.
     """
     if options.checkpoint is not None and not continued:
@@ -179,11 +155,7 @@ def run_of(
 
 
 class _Rows:
-    """The state of the last row, restored after an error within a step; collective.
-
-    Args:
-        problem: The problem, in a converged state.
-    """
+    """The state of the last row, restored after an error within a step; collective."""
 
     def __init__(self, problem: Problem):
         self._comm, self._step = problem.comm, problem.step
@@ -221,16 +193,7 @@ def _claimed(problem: Problem, options: SolveOptions) -> AbstractContextManager:
 def common_columns(
     problem: Problem, name: str, found: Attempt, number: int, cuts: int, energy: bool
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The columns of a converged step that all runs have, in two parts; collective.
-
-    Args:
-        problem: The problem.
-        name: Column of the load factor.
-        found: The step.
-        number: Of the row.
-        cuts: Number of attempts that failed.
-        energy: Whether with energies.
-    """
+    """The columns of a converged step that all runs have, in two parts; collective."""
     row = {
         "step [-]": number,
         name: problem.t,

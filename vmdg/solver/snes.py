@@ -59,14 +59,7 @@ class _Linear:
 
 
 class Snes:
-    """One SNES for the equations of all steps.
-
-    Args:
-        comm: Communicator.
-        local: Number of unknowns of this rank.
-        options: Options of the solver.
-
-    """
+    """One SNES for the equations of all steps."""
 
     def __init__(self, comm: MPI.Comm, local: int, options: SolveOptions):
         self._x = PETSc.Vec().createMPI((local, None), comm=comm)
@@ -96,8 +89,6 @@ class Snes:
         """Solve from a state on; collective.
 
         Args:
-            equations: The equations.
-            start: The unknowns of this rank at first.
             searches: Whether corrections are halved that do not reduce the residual.
             longest: Which part of a correction may be made at most, from the state and the
                 correction; None for all of it.
@@ -146,8 +137,6 @@ def verdict(norms: Sequence[float], goal: float, met: bool, options: SolveOption
     Args:
         norms: Norms of the residual so far [N].
         goal: Norm at which it has converged [N].
-        met: Whether the other conditions hold.
-        options: Options of the solver.
     """
     reasons, norm, numbers = PETSc.SNES.ConvergedReason, norms[-1], options.path
     if not np.isfinite(norm + goal):
@@ -168,7 +157,6 @@ def rounding_of_forces(problem: Problem, size: float, stiffness: float) -> float
     collective [N].
 
     Args:
-        problem: The problem.
         size: Of the body [mm].
         stiffness: Norm of the tangent [N/mm].
     """

@@ -23,18 +23,9 @@ class Steps:
     """Attempts of steps of a problem, with a corrector for the facets that are open.
 
     Args:
-        problem: The problem.
-        options: Options of the solver.
         progress: Progress output; None for one by ``options``.
         check: Called before every attempt; may raise to end the run.
         derivatives: Carries derivatives along; None for none.
-
-    Attributes:
-        problem: The problem.
-        options: Options of the solver.
-        viscous: Whether laws or bodies depend on the rate.
-        cyclic: Whether load cycles degrade bonds.
-        krylov: Krylov iterations so far.
     """
 
     def __init__(
@@ -94,7 +85,6 @@ class Steps:
         loads others far beyond is cancelled and repeated with these open.
 
         Args:
-            limits: Its limits.
             last: The previous step; None if there is none, or after a load reversal, where damage
                 does not continue.
         """

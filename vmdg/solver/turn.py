@@ -18,10 +18,6 @@ from ..problem.problem import Problem
 def turn(problem: Problem, most: float) -> bool:
     """Rotate a body with its supports, if that is most of their motion; collective.
 
-    Args:
-        problem: The problem.
-        most: Largest non-rigid fraction of the motion.
-
     Returns:
         False, without changes, if it is not, at small strain, with rigid faces, which cannot rotate
         so far, or with unknown means: the mean gradient of a periodic cell contains the rotation.
