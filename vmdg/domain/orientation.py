@@ -24,6 +24,7 @@ def misorientation(
 
     Args:
         first: Rotations (n, 3, 3), or one (3, 3), whose columns are the axes of the crystal.
+        second: The same number of rotations.
         symmetry: Crystal symmetry, with its number of equivalent rotations: "cubic" 24, "hexagonal"
             12 (axis 3 is the hexagonal one), "orthorhombic" 4, "triclinic" 1.
 

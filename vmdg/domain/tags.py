@@ -68,6 +68,11 @@ def names_of(tags: MeshTags) -> dict[str, int]:
 def group_tag(group: Group, names: Mapping[str, int], what: str) -> int:
     """The tag of a group.
 
+    Args:
+        group: Its tag or its name.
+        names: Tag by name.
+        what: Caller, for messages.
+
     Raises:
         ValueError: there is no group of this name.
     """
@@ -88,6 +93,11 @@ def group_tag(group: Group, names: Mapping[str, int], what: str) -> int:
 
 def by_tag(values: Mapping[Group, Value], names: Mapping[str, int], what: str) -> dict[int, Value]:
     """Values by tag, given by tag or by name.
+
+    Args:
+        values: By group.
+        names: Tag by name.
+        what: Caller, for messages.
 
     Raises:
         ValueError: there is no group of this name, or a group has two values.
@@ -113,6 +123,7 @@ def split_cells(
     The mesh is not cut: a cell is inside where the level set is negative at its midpoint.
 
     Args:
+        mesh: The mesh.
         level_set: phi(x) at points x (3, n) [mm], n values.
         name: Name of the new group. Its tag is the largest existing one plus 1.
         cell_tags: Tags so far; None for one group "outside" of tag 1.

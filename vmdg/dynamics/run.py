@@ -64,13 +64,16 @@ def solve_dynamics(
     any inertia.
 
     Args:
+        problem: A problem with a ``density``, changed in place.
         times: Increasing times, each a row of the history [s]. With :class:`GeneralizedAlpha` they
             are the steps, which are halved where one fails; with :class:`CentralDifferences` steps
             in between are stable.
+        scheme: The scheme; None for ``GeneralizedAlpha()``.
         velocity: Velocity at the start, in a periodic cell of w: a Function of
             :attr:`.Problem.space`, a function of positions x (3, n) with values (d, n), or
             velocities (d,) by group, such as ``{"bar": (0, -1e4)}``, others at rest; None for the
             current one, zero at first [mm/s].
+        monitor: As for :func:`vmdg.solve`.
         options: As for :func:`vmdg.solve`; there is no path to follow.
         history: History of an earlier run to continue, from :func:`vmdg.read_checkpoint`: the
             motion continues as it was, ``velocity`` is ignored, and times up to ``problem.t`` are

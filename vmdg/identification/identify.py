@@ -54,6 +54,7 @@ def identify(
         make_problem: ``f(values)`` returns a problem and its monitor for parameters by name, and
             ``until`` of :func:`vmdg.solve` for a run that ends before its last load factor; for
             several experiments such functions by name.
+        measured: Curves of the experiment; by name for several.
         start: First values by the names of ``vmdg.solve(derivatives=)``, all positive.
         bounds: Smallest and largest value by name; none for others.
         sigma: Standard deviation of the noise of all curves without one of their own, in their
@@ -61,12 +62,14 @@ def identify(
         loads: Load factors of the run, by name for several; None for the abscissae of curves along
             "load".
         priors: What is known beforehand by name: value and relative standard deviation.
+        options: Options of the runs.
         file: JSON file of all runs. If it exists, its runs are not repeated, so that a stopped
             identification continues.
         comm: All ranks that call this; None for ``MPI.COMM_WORLD``. With ``MPI.COMM_SELF``, for
             problems made on it, every rank identifies by itself, for example other seeds.
         spread: Whether the experiments are distributed over these ranks; ``make_problem`` then
             makes its problems on ``MPI.COMM_SELF``. Otherwise all take part in every run.
+        max_runs: Largest number of evaluations of all experiments.
 
     Returns:
         The estimate with its covariance; it warns of parameters that the data do not determine.
@@ -212,6 +215,7 @@ def _energies(
 
 
 def _by_experiment(makes: Mapping[str, Make], measured: Any, several: bool) -> dict[str, list]:
+    """What was measured by experiment."""
     if several != isinstance(measured, Mapping):
         raise ValueError(
             "identify: for several experiments give both make_problem and measured by name, "
