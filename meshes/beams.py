@@ -44,8 +44,12 @@ def beams(
     an interface with a separate tag, for a law with contact and friction.
 
     Args:
+        comm: Communicator.
+        cell: "triangle" or "quadrilateral".
         stations: x_0 < x_1 < ... < x_n, nodes of every mesh [mm].
+        divisions: Cells between one station and the next.
         height: Height of one arm [mm].
+        rows: Cells over that height.
         precrack: Where the crack that starts on the left ends, one of the stations [mm].
         contact: Where the first part ends, a station up to ``precrack`` [mm]; None for no such
             part.

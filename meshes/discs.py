@@ -28,6 +28,7 @@ def core_and_ring(
     """The quadrant x, y > 0 of a disc of ``radius`` in a ring up to ``outer``, triangles.
 
     Args:
+        comm: Communicator.
         radius: Radius of the core [mm].
         outer: Outer radius of the ring [mm].
         element_size: In the core and at the interface [mm].

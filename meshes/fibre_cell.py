@@ -55,6 +55,7 @@ def fibre_cell(
     The cell is shifted so that no side is nearly tangent to a fibre.
 
     Args:
+        count: Number of fibres.
         fraction: Volume fraction of the fibres, without coatings: up to 0.6 for discs and fibres,
             0.45 for spheres, at the default spacing.
         seed: Random seed: the same seed gives the same cell, on any number of ranks.
@@ -64,9 +65,11 @@ def fibre_cell(
         size: Side of the cell [mm].
         depth: Depth of the cell along z [mm], for cylinders; default one layer of cells.
         coating: Thickness of the coating of every fibre, in radii; 0 for none.
+        spacing: Least distance between two (coated) fibres, in radii.
         element_size: [mm]; default a quarter of the radius.
         cell: "triangle" or "quadrilateral" for discs, "tetrahedron" or "hexahedron" for cylinders,
             "tetrahedron" for spheres; default the first.
+        comm: Communicator.
 
     Returns:
         Mesh; cell tags 1 (fibre), 2 (matrix) and, with coatings, 3 (coating); facet tags 1 left,

@@ -42,6 +42,8 @@ def fibre_matrix(
     The midpoints of the left and right sides are nodes, for supports.
 
     Args:
+        comm: Communicator.
+        cell: "triangle" or "quadrilateral".
         size: Side of the square [mm].
         radius: Radius of every fibre [mm].
         centres: Centres of the fibres (n, 2) [mm]; default one fibre in the middle.
@@ -87,8 +89,13 @@ def random_fibres(
     fractions this is more random than :func:`pack`, which leaves fibres side by side.
 
     Args:
+        count: Number of fibres.
+        fraction: Area fraction of the fibres.
         size: Side of the square [mm].
+        spacing: Least distance between two fibres, in radii.
+        margin: Least distance to the sides, in radii.
         seed: Random seed: the same seed gives the same positions, on every rank.
+        tries: Placements before giving up.
 
     Raises:
         ValueError: the fibres do not fit.
@@ -157,6 +164,7 @@ def _geometry(
 def _sizes(
     gmsh_model: Any, curves: Sequence[int], fine: float, coarse: float, reach: float
 ) -> None:
+    """Element size: ``fine`` on the curves, growing linearly to ``coarse`` at ``reach``."""
     field = gmsh_model.mesh.field
     distance = field.add("Distance")
     field.setNumbers(distance, "CurvesList", curves)

@@ -86,6 +86,7 @@ def read_mesh(
 
     Args:
         path: A file. All but .msh, .unv, .inp and XDMF of DOLFINx need meshio (the extra "mesh").
+        comm: Communicator.
         cell_tags: Name of the tags, or data, of the cells; None for "cell_tags" in an XDMF file
             with several grids, otherwise for the only integer data.
         facet_tags: Name of those of the facets; None for "facet_tags", or the name of the cells'.
@@ -263,6 +264,7 @@ def _points_of(
 
 
 def _check_groups(mesh: MeshArrays) -> None:
+    """Check that every cell is in a group."""
     word = {2: "surface", 3: "volume"}[mesh.dim]
     cells = mesh.of(mesh.dim)
     lost = sum(len(block.nodes) for block in cells if not block.group)
@@ -375,6 +377,7 @@ def _read_xdmf(
     cell_tags: str | None,
     facet_tags: str | None,
 ) -> TaggedMesh:
+    """A DOLFINx file: one grid for the mesh, one for cell tags and one for facet tags."""
     wanted = [cell_tags or CELL_TAGS, facet_tags or FACET_TAGS]
     needed = wanted if facet_tags else wanted[:1]
     lacking = [name for name in needed if name not in grids[1:]]
@@ -421,6 +424,7 @@ def write_mesh(tagged: TaggedMesh, path: str | Path) -> None:
     """Write a mesh and its tags to an XDMF file, for :func:`read_mesh` and ParaView; collective.
 
     Args:
+        tagged: The mesh.
         path: A file .xdmf; its folder is created if missing.
 
     Raises:

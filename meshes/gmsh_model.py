@@ -66,7 +66,11 @@ class TaggedMesh(_Tagged):
 
 @contextmanager
 def model(name: str) -> Iterator[Any]:
-    """A fresh, silent gmsh model; gmsh is closed at the end."""
+    """A fresh, silent gmsh model; gmsh is closed at the end.
+
+    Args:
+        name: Name of the model.
+    """
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -89,7 +93,13 @@ def generate_tetrahedra(gmsh_model: Any) -> None:
 
 
 def name_groups(gmsh_model: Any, dim: int, names: Mapping[str, int]) -> None:
-    """Name physical groups of a dimension, as far as the model has them."""
+    """Name physical groups of a dimension, as far as the model has them.
+
+    Args:
+        gmsh_model: The model.
+        dim: Dimension of the groups.
+        names: Tag by name.
+    """
     there = {tag for _, tag in gmsh_model.getPhysicalGroups(dim)}
     for name, tag in names.items():
         if tag in there:
@@ -109,6 +119,8 @@ def distribute(
 
     Args:
         gmsh_model: Meshed, with a physical group for every body. Group names are kept.
+        comm: Communicator.
+        gdim: Geometric dimension.
         interface_weight: Weight of cells next to another body, so that the ranks share the work of
             the interfaces too.
         slabs_along: Cut across this axis only (0, 1, 2), see :func:`vmdg.meshes.partition.slabs`.

@@ -36,10 +36,13 @@ def pack(
     is. This reaches denser packings than sequential placement, which jams at half the area.
 
     Args:
+        count: Number of balls.
+        fraction: Fraction of the cell that they fill.
         seed: Random seed: the same seed gives the same positions, on every rank.
         periodic: Balls that leave the cell at one side enter at the opposite one; otherwise none is
             cut by a side, and ``spacing`` applies to sides too.
         size: Side of the cell [mm].
+        dim: 2 for discs, 3 for spheres.
         spacing: Least distance of two balls, in mean radii of the two.
         spread: Standard deviation of the logarithm of the radii (lognormal).
 
@@ -82,7 +85,9 @@ def _apart(
     Args:
         centres: (n, dim).
         radii: Radii of the balls (n,).
+        size: Side of the cell.
         periodic: Whether balls leave and enter; otherwise they stay inside.
+        sweeps: Moves of all balls before giving up.
         aim: Extra distance of separated pairs, in radii, so that the sweeps end.
     """
     if 2 * radii.max() > size:  # a ball touches two sides, or its own image

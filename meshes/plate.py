@@ -41,6 +41,8 @@ def tearing(
     it belongs to no interface. The tip is a node of every mesh.
 
     Args:
+        comm: Communicator.
+        cell: "triangle" or "quadrilateral".
         width: [mm].
         bottom_height: h_b [mm].
         top_height: h_t [mm].

@@ -48,6 +48,7 @@ def plates(
         comm: Communicator. Ranks own strips of the plates along x.
         x, y: Planes between the cells [mm].
         height: Height of one plate, along z [mm].
+        rows: Cells over that height.
         precrack: Where the crack that starts at x[0] ends, one of ``x`` [mm].
 
     Returns:

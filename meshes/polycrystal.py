@@ -54,14 +54,17 @@ def polycrystal(
     become points; in 3D, grain faces that this bends are triangulated.
 
     Args:
+        count: Number of grains.
         seed: Random seed: the same seed gives the same grains, on any number of ranks.
         periodic: Whether grains cut by a side continue at the opposite side, which has the same
             mesh; otherwise the grains end there.
+        dim: 2 or 3.
         size: Side of the cell [mm].
         spread: Spread of grain sizes: standard deviation of the logarithm of the radii of the
             balls; 0.35 for grown grains.
         element_size: [mm]; default a sixth of the mean size of a grain.
         cell: "triangle" or "quadrilateral" in 2D, "tetrahedron" in 3D; default the first.
+        comm: Communicator.
 
     Returns:
         Mesh; cell tags 1 to ``count``, called "grain 1" and so on; facet tags 1 left, 2 right, 4

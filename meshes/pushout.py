@@ -50,10 +50,13 @@ def pushout(
     counts give 2,100 cells in the fibre and 9,900 in the matrix (the report: 2,125 and 9,775).
 
     Args:
+        comm: Communicator.
         fibre_radius: r_f [mm].
         matrix_radius: r_m [mm].
         height: H [mm].
         hole_radius: r_s of the hole in the support [mm]: the matrix is supported beyond r_s.
+        layers: Cells along z.
+        around: Cells along a quarter of the interface, even.
         fibre_rings: Cells along the radius in the fibre outside the core.
         hole_rings: Cells along the radius in the matrix over the hole.
         matrix_rings: Cells along the radius in the matrix over the support.

@@ -46,6 +46,9 @@ def pushout_section(
     There are nodes at the rim of the hole r_s, from which outwards the bottom is supported.
 
     Args:
+        comm: Communicator.
+        layers: Cells along z.
+        fibre_cells: Cells along r in the fibre.
         hole_cells: Cells along r in the matrix above the hole.
         matrix_cells: Cells along r in the rest of the matrix.
         radial_ratio: Cell size at the axis and at the outer surface relative to that next to the

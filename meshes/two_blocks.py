@@ -39,6 +39,8 @@ def blocks(
     """Blocks [0, x_i] and [x_i, length] x [0, height] (x [0, depth]) that share an interface.
 
     Args:
+        comm: Communicator.
+        cell: "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
         divisions: Cells along x, y (and z) of each block.
         length: Of both blocks together [mm].
         height: [mm].

@@ -46,8 +46,11 @@ def with_wall(
     names. The mesh is distributed again.
 
     Args:
+        tagged: A mesh of straight cells, with tags.
+        facets: Local boundary facets, ``tagged.facet_tags.find("right")`` for example.
         thickness: Of the layer [mm]; None for the mean size of the facets. It does not affect the
             result; in a notch it must be less than half of its width.
+        name: Name of both new groups.
 
     Returns:
         Mesh, cell tags and facet tags.

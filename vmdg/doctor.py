@@ -337,7 +337,10 @@ class Check(NamedTuple):
     """One check.
 
     Attributes:
+        name: What is checked.
         run: Runs the check on all ranks and returns its finding; raises on failure.
+        cure: Remedy for a failure.
+        vital: Whether later checks need it.
     """
 
     name: str

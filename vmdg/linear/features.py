@@ -10,7 +10,13 @@ from .ksp import Choice, Petsc, is_iterative, linear_options
 
 
 class Switch(NamedTuple):
-    """One feature of a run."""
+    """One feature of a run.
+
+    Attributes:
+        name: Name of the feature.
+        on: Whether the run uses it.
+        reason: Why, or its replacement.
+    """
 
     name: str
     on: bool
@@ -21,6 +27,7 @@ def switchboard(problem: Problem, options: Choice | None = None) -> list[Switch]
     """The features a run of ``problem`` uses and omits, with reasons; collective.
 
     Args:
+        problem: The problem, with its interfaces and open facets.
         options: As :class:`vmdg.SolveOptions`; None for the default.
     """
     parts = problem.discretization

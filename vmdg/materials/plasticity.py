@@ -113,6 +113,7 @@ class Plastic(PointMaterial):
 
     Args:
         E: Young's modulus [MPa].
+        nu: Poisson's ratio, -1 < nu < 0.5.
     """
 
     fields: Mapping[str, int] = {"alpha": 1, "plastic strain": 6}
@@ -127,6 +128,7 @@ class Plastic(PointMaterial):
         """The return from a trial strain (n, 6) or (n, 3).
 
         Args:
+            trial: Elastic trial strain.
             state: History at the start of the step (n, m); at finite strain only what is no tensor
                 has a meaning for the return.
             dt: Time step [s].

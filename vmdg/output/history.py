@@ -55,6 +55,9 @@ class History:
     def append(self, row: Mapping[str, Any]) -> None:
         """Add a row.
 
+        Args:
+            row: Values by name, with or without a unit.
+
         Raises:
             ValueError: a name occurs twice, or with a different unit than before.
         """
@@ -162,6 +165,9 @@ class History:
         """Write the history with a header line, "force [N]" for a column with a unit.
 
         Arrays are written as lists; missing values are empty.
+
+        Args:
+            path: The file.
         """
         Path(path).write_bytes(self._as_csv())
 
@@ -174,6 +180,9 @@ class History:
         """Read a history written by :meth:`to_csv` or a run.
 
         Numbers, lists and words keep their type; a word that reads like a number becomes one.
+
+        Args:
+            path: The file.
         """
         history = cls()
         place = checked_path("History.from_csv: path", path)
@@ -188,6 +197,7 @@ _JSON = json.JSONEncoder(default=str)
 
 
 def _lines(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[list[str]]:
+    """Rows as lines of a CSV file with these columns."""
     for row in rows:
         yield [_text(row[name]) if name in row else "" for name in columns]
 
@@ -221,7 +231,9 @@ class HistoryFile:
     one run at a time may write the file.
 
     Args:
+        comm: Communicator; its rank 0 writes.
         path: The file; None for no file.
+        history: The history.
 
     Raises:
         OSError: the file is not writable, or another run writes it; on all ranks.

@@ -17,6 +17,8 @@ def extremes(problem: Problem, interface: Which, quantity: Quantity) -> tuple[fl
     """Lowest and highest value at the points of an interface, the same on every rank; collective.
 
     Args:
+        problem: The problem.
+        interface: Its number, its name or itself.
         quantity: "opening", "gap", "traction": g, zeta and T along the current normal, positive in
             opening and tension [mm, mm, MPa]; "slip", "shear": norm of the tangential part of zeta
             and T [mm, MPa]; "damage": Q relative to the strength; "mode": :class:`vmdg.Mode`;
@@ -41,6 +43,11 @@ def integral(problem: Problem, interface: Which, quantity: Quantity) -> float:
     Over the reference area, including the thickness of a plane body or the full circle of a body of
     revolution.
 
+    Args:
+        problem: The problem.
+        interface: Its number, its name or itself.
+        quantity: As for :func:`extremes`.
+
     Raises:
         ValueError: as :func:`extremes`.
     """
@@ -49,6 +56,11 @@ def integral(problem: Problem, interface: Which, quantity: Quantity) -> float:
 
 def average(problem: Problem, interface: Which, quantity: Quantity) -> float:
     """Average over the open area of an interface, NaN if no facet is open; collective.
+
+    Args:
+        problem: The problem.
+        interface: Its number, its name or itself.
+        quantity: As for :func:`extremes`.
 
     Raises:
         ValueError: as :func:`extremes`.

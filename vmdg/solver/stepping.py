@@ -43,6 +43,7 @@ def solve(
         monitor: Called after every converged step, on all ranks; it returns numbers for the history
             row, by names that may include a unit: "force [N]" is column "force". They must be equal
             on every rank, and the problem must not be changed.
+        history: History of an earlier run to continue.
         until: Called after every row; the run ends when it returns True on any rank. For example
             for dead loads beyond the peak, which may never reach the next load factor:
             ``until=lambda problem: abs(problem.u.x.array).max() > 9``.
