@@ -24,9 +24,6 @@ from .ray import Ray
 
 Array = NDArray[np.float64]
 
-#: Positions between two load factors at which loads are checked for linearity.
-PROBES = (0.382, 0.5)
-
 
 class Given(NamedTuple):
     """Information on the loads and supports given so far.
@@ -75,6 +72,7 @@ class Loading:
         self._mesh, self._bodies = discretization.mesh, discretization.bodies
         self._names = names
         self.ray: Ray | None = None
+        self._vector: Array | None = None
         self.nearby, self._anchored = False, True
         self.load_factor, self.t = fem.Constant(self._mesh, 0.0), 0.0
         self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set(), [])
@@ -238,9 +236,7 @@ class Loading:
             self._refuse_infinite(t, values)
         if not global_any(comm, any(map(ray.changes, self.loads))):
             return False
-        probes = [start + share * (end - start) for share in PROBES]
-        straight = together(comm, lambda: all([ray.leads(t) for t in probes]))
-        if global_any(comm, not straight):
+        if global_any(comm, not together(comm, ray.is_straight)):
             return False
         self.ray, self._vector = ray, None
         return True
@@ -285,7 +281,7 @@ class Loading:
         """Move to load factor ``t`` of the current ray, without imposing prescribed
         displacements."""
         self.load_factor.value = self.t = float(t)
-        self._vector: Array | None = None
+        self._vector = None
         self.strain(t)
         self.surface.apply(self.at(self.surface, t))
 
