@@ -61,6 +61,11 @@ def nodes_of_cells(space: fem.FunctionSpace, cells: NDArray[np.integer]) -> NDAr
     return fem.locate_dofs_topological(space, dim, cells.astype(np.int32))
 
 
+def nodes_of_facets(space: fem.FunctionSpace, facets: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Local nodes of facets, block numbers; collective."""
+    return fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
+
+
 def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[np.int32]:
     """Local nodes (block numbers) by a predicate on coordinates (3, n); collective.
 
@@ -133,6 +138,8 @@ class DirichletConditions:
     Attributes:
         dofs: Prescribed local dofs (component-wise numbers), ghosts included, ascending.
     """
+
+    kind = "a prescribed displacement"
 
     def __init__(self, space: fem.FunctionSpace, zeros: NDArray[np.int32]):
         self._space = space

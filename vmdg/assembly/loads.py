@@ -15,14 +15,13 @@ from ufl.core.expr import Expr
 from ufl.domain import extract_domains
 
 from ..base.kernels import compile_form
-from ..base.parallel import raise_together
 from ..base.quadrature import load_degree
 from ..base.timers import timer
 from ..domain.topology import boundary_rows
 from ..forms.geometry import Geometry
 from .dirichlet import component_index
 from .rigid import RigidFace
-from .values import Part, Value, check_resultant, first_value, takes_points, value_at
+from .values import Part, Value, check_resultant, check_shape, first_value, takes_points, value_at
 
 
 @dataclass(frozen=True)
@@ -81,14 +80,17 @@ class DeadLoads:
     Args:
         u: Displacement.
         geometry: Geometry, whose weight is a factor of all loads.
+        load_factor: t in UFL expressions.
     """
 
-    def __init__(self, u: fem.Function, geometry: Geometry):
+    kind = "a dead load"
+
+    def __init__(self, u: fem.Function, geometry: Geometry, load_factor: fem.Constant):
         self._u, self._space = u, u.function_space
         space = self._space
         self._mesh = space.mesh
         self._d = space.dofmap.index_map_bs
-        self._weight = geometry.weight
+        self._weight, self._load_factor = geometry.weight, load_factor
         self._tractions: list[_Load] = []
         self._body_forces: list[_Load] = []
         self._forces: list[_Force] = []
@@ -97,9 +99,6 @@ class DeadLoads:
         # All that densities depend on, and its values at the last assembly with the vector.
         self._given: list[fem.Constant | fem.Function] = []
         self._last: tuple[list[NDArray[np.float64]], NDArray[np.float64]] | None = None
-
-    def __bool__(self) -> bool:
-        return bool(self._tractions or self._body_forces or self._forces)
 
     def add_traction(self, facets: NDArray[np.int32], value: Value | Expr) -> None:
         """Traction [MPa] on boundary facets.
@@ -162,7 +161,7 @@ class DeadLoads:
             return _Load(entities, value, value, what=what)
         if not takes_points(value, what):
             initial = first_value(self._mesh.comm, value, what)
-            self._check_shape(initial.shape, [(self._d,)], what)
+            check_shape(self._mesh.comm, initial.shape, [(self._d,)], what)
             return _Load(entities, fem.Constant(self._mesh, initial), value, what=what)
         if self._nodes is None:
             degree = self._space.ufl_element().degree
@@ -171,20 +170,11 @@ class DeadLoads:
         dofs = fem.locate_dofs_topological(self._nodes, dim, support)
         points = self._nodes.tabulate_dof_coordinates()[dofs].T
         shape = first_value(self._mesh.comm, value, what, points).shape
-        self._check_shape(shape, [(self._d,), (self._d, len(dofs))], what)
+        check_shape(self._mesh.comm, shape, [(self._d,), (self._d, len(dofs))], what)
         return _Load(entities, fem.Function(self._nodes), value, points, dofs, what)
 
-    def _check_shape(
-        self, shape: tuple[int, ...], allowed: list[tuple[int, ...]], what: str
-    ) -> None:
-        message = None
-        if shape not in allowed:
-            expected = " or ".join(map(str, allowed))
-            message = f"{what}: the value has shape {shape}, expected {expected}"
-        raise_together(self._mesh.comm, message)
-
     def _check_expression(self, value: Expr, what: str) -> None:
-        self._check_shape(value.ufl_shape, [(self._d,)], what)
+        check_shape(self._mesh.comm, value.ufl_shape, [(self._d,)], what)
         if extract_arguments(value):
             raise ValueError(f"{what}: the expression contains a test or trial function")
         if any(domain != self._mesh.ufl_domain() for domain in extract_domains(value)):
@@ -214,16 +204,20 @@ class DeadLoads:
             value = np.atleast_2d(value_at(force.value, t))
             yield Part(force.what, value, x[force.dofs[:1, 0] // self._d].T)
 
-    def vector(self, t: float) -> NDArray[np.float64]:
+    def values(self, t: float) -> NDArray[np.float64]:
         """Load vector at load factor ``t`` over local dofs, before ghosts are added to owners."""
-        result = np.zeros_like(self._u.x.array)
-        loads = [*self._tractions, *self._body_forces]
-        for load in loads:
-            load.update(t)
-        if loads:
-            result += self._of_densities()
-        for force in self._forces:
-            result[force.dofs] += force.spread @ np.atleast_1d(value_at(force.value, t))
+        result, now = np.zeros_like(self._u.x.array), self._load_factor.value.copy()
+        self._load_factor.value = t
+        try:
+            loads = [*self._tractions, *self._body_forces]
+            for load in loads:
+                load.update(t)
+            if loads:
+                result += self._of_densities()
+            for force in self._forces:
+                result[force.dofs] += force.spread @ np.atleast_1d(value_at(force.value, t))
+        finally:
+            self._load_factor.value = now
         return result
 
     def _of_densities(self) -> NDArray[np.float64]:

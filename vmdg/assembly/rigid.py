@@ -86,6 +86,8 @@ class RigidFaces:
         columns: T.Z of all faces over owned dofs (p, owned).
     """
 
+    kind = "the displacement of a rigid face"
+
     def __init__(self, u: fem.Function, geometry: Geometry):
         space = u.function_space
         self._u, self._geometry, self._comm = u, geometry, space.mesh.comm

@@ -146,6 +146,8 @@ class Surface:
         fluids: Interfaces with a fluid between their faces.
     """
 
+    kind = "a pressure"
+
     def __init__(self, u: fem.Function, bodies: Bodies):
         self._u, self._bodies = u, bodies
         self._space, self._geometry = u.function_space, bodies.geometry
@@ -313,7 +315,7 @@ class Surface:
         raise_together(self._mesh.comm, message)
         return result
 
-    def pressures(self, t: float) -> Array:
+    def values(self, t: float) -> Array:
         """All pressures at load factor ``t``, wherever fluids are, concatenated [MPa]."""
         return np.concatenate([np.zeros(0), *(pressure.at(t) for pressure in self._pressures)])
 
@@ -322,11 +324,11 @@ class Surface:
         for pressure in self._pressures:
             yield Part("pressure", pressure.at(t), pressure.places)
 
-    def set_pressures(self, values: Array) -> None:
-        """Set these pressures, ordered as in :meth:`pressures`."""
-        ends = np.cumsum([len(pressure.dofs) for pressure in self._pressures])
-        for pressure, p in zip(self._pressures, np.split(values, ends[:-1]), strict=True):
-            pressure.set(p)
+    def apply(self, values: Array) -> None:
+        """Set these pressures, ordered as in :meth:`values`."""
+        ends = np.cumsum([0, *(len(pressure.dofs) for pressure in self._pressures)])
+        for pressure, start, end in zip(self._pressures, ends, ends[1:], strict=False):
+            pressure.set(values[start:end])
 
     # Forces
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from mpi4py import MPI
 
@@ -29,6 +29,22 @@ class Part(NamedTuple):
     what: str
     values: NDArray[np.float64]
     places: NDArray[np.float64]
+
+
+class Load(Protocol):
+    """All loads, or all supports, of one kind.
+
+    Attributes:
+        kind: What one of them is, for messages.
+    """
+
+    kind: str
+
+    def values(self, t: float) -> NDArray[np.float64]:
+        """All values at load factor ``t``, flat."""
+
+    def parts(self, t: float) -> Iterable[Part]:
+        """Values of each at load factor ``t``, with the call by which it was given."""
 
 
 Value: TypeAlias = float | ArrayLike | fem.Constant | Callable[..., Any]
@@ -86,9 +102,19 @@ def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) 
     return as_numbers(value(t) if points is None else at_points(value, points, t))
 
 
-def not_finite(parts: Iterable[Part]) -> str:
+def not_finite(load: Load, values: NDArray[np.float64], t: float) -> str:
+    """Message on values of a load at load factor t that are not finite; empty if they are."""
+    if np.isfinite(values).all():
+        return ""
+    found = _culprit(list(load.parts(t)))
+    return (
+        f"{load.kind}{found and f' ({found})'} is not finite at load factor {t:.8g}: check its "
+        "function of the load factor there, for example a root or a quotient"
+    )
+
+
+def _culprit(parts: Sequence[Part]) -> str:
     """Description of the first part that is not finite, to identify its call; empty for none."""
-    parts = list(parts)
     calls = [part.what for part in parts]
     for i, (what, values, places) in enumerate(parts):
         bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(1, np.ndim(values)))))
@@ -112,9 +138,20 @@ def check_resultant(
         raise ValueError(
             f"{what}: the value must be a number, array or f(t); call it once for each point"
         )
-    shape, message = first_value(comm, value, what).shape, None
-    if shape not in shapes:
-        expected = " or ".join(map(str, shapes))
+    check_shape(comm, first_value(comm, value, what).shape, shapes, what)
+
+
+def check_shape(
+    comm: MPI.Comm, shape: tuple[int, ...], allowed: Sequence[tuple[int, ...]], what: str
+) -> None:
+    """Check the shape of a value; collective.
+
+    Raises:
+        ValueError: it is none of those allowed.
+    """
+    message = None
+    if shape not in allowed:
+        expected = " or ".join(map(str, allowed))
         message = f"{what}: the value has shape {shape}, expected {expected}"
     raise_together(comm, message)
 

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from ..base.claims import Claim
 from ..base.parallel import global_max, global_sum, raise_together
 from ..checkpoint.identity import differences, identity
-from ..problem.loading import KINDS
 from ..problem.problem import Problem
 from ..solver.options import SolveOptions
 
@@ -187,7 +186,8 @@ def _of_loads(problem: Problem, loads: NDArray[np.float64]) -> dict[str, Any]:
     x = np.repeat(problem.space.tabulate_dof_coordinates(), bs, axis=0)
     local, owned = len(x), problem.space.dofmap.index_map.size_local * bs
     component = np.arange(local) % bs
-    found: dict[str, list[float]] = {kind: [] for kind in KINDS}
+    kinds = [load.kind for load in loading.loads]
+    found: dict[str, list[float]] = {kind: [] for kind in kinds}
     for t in loads:
         held, dead, *others = loading.check_finite(float(t))
         dofs = loading.prescribed
@@ -195,11 +195,11 @@ def _of_loads(problem: Problem, loads: NDArray[np.float64]) -> dict[str, Any]:
         moved = np.zeros(local)
         moved[dofs[mine]] = held[mine]
         # Loads are not yet added to owners, so that all local dofs count.
-        for kind, values in zip(KINDS, (moved, dead[:local]), strict=False):
+        for kind, values in zip(kinds, (moved, dead[:local]), strict=False):
             by_component = values[:, None] * (component[:, None] == np.arange(bs))
             moments = np.vstack([by_component.sum(axis=0), x.T @ by_component])
             found[kind] += global_sum(comm, moments).ravel().tolist()
-        for kind, values in zip(KINDS[2:], others, strict=True):
+        for kind, values in zip(kinds[2:], others, strict=True):
             found[kind].append(global_max(comm, float(np.abs(values).max(initial=0.0))))
     dofs = global_sum(comm, int((loading.prescribed < owned).sum()))
     return found | {"number of prescribed dofs": int(dofs)}

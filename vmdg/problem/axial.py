@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from ..assembly.values import Value, check_resultant
 from .arguments import GENERALIZED
-from .loading import Drive
+from .calls import Drive
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -12,7 +12,7 @@ from dolfinx.mesh import Mesh, compute_midpoints
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
-from ..assembly.values import takes_points, value_at
+from ..assembly.values import Part, takes_points, value_at
 from ..base.parallel import raise_together
 from ..base.words import as_numbers
 from ..domain.materials import Bodies, rows_of_cells
@@ -62,6 +62,25 @@ class Eigenstrain:
     def __call__(self, t: float) -> Array:
         """Strain at load factor t: () or (3, 3) for all cells, or one per cell (n, ...)."""
         return self._at(t)
+
+
+class Eigenstrains:
+    """Eigenstrains of all bodies, as loads.
+
+    Args:
+        bodies: The bodies.
+    """
+
+    kind = "an eigenstrain"
+
+    def __init__(self, bodies: Bodies):
+        self._bodies = bodies
+        self.values, self.apply = bodies.eigenstrains, bodies.set_eigenstrains
+
+    def parts(self, t: float) -> Iterator[Part]:
+        """Values of every tag at load factor ``t``."""
+        for tag, strain in self._bodies.strains(t):
+            yield Part(f"eigenstrain of tag {tag}", np.atleast_1d(strain), np.zeros((3, 0)))
 
 
 def checked_eigenstrains(

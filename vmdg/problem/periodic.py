@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..assembly.dirichlet import AXES
 from ..assembly.values import Value, check_resultant, value_at
-from .loading import Drive
+from .calls import Drive
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,13 @@ from dolfinx.mesh import Mesh, MeshTags
 from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
-from ..assembly.dirichlet import Where, find_boundary_facets, find_nodes, nodes_of_cells
+from ..assembly.dirichlet import (
+    Where,
+    find_boundary_facets,
+    find_nodes,
+    nodes_of_cells,
+    nodes_of_facets,
+)
 from ..assembly.discretization import Discretization
 from ..assembly.means import lattice_of
 from ..assembly.stress import CauchyStress
@@ -63,6 +69,7 @@ from .arguments import (
     checked_materials,
 )
 from .axial import GeneralizedStrain, generalized
+from .calls import LoadCalls
 from .damping import Rayleigh, checked_viscosity
 from .eigenstrain import checked_eigenstrains, refusal
 from .loading import Loading
@@ -219,11 +226,12 @@ class Problem:
         discretization = Discretization(
             mesh, bodies, self.interfaces, opened, degree, lattice, symbolic
         )
-        self.loading = Loading(discretization, activation, names)
+        self.loading = Loading(discretization, names)
         self.load_factor = self.loading.load_factor
         drives = periodic.drives(self.comm, mesh.geometry.dim, bodies.small) if repeats else []
         drives += axial.drives(self.comm) if axial else []
-        self.loading.drive_means(drives)
+        self._calls = LoadCalls(self.loading, activation, names)
+        self._calls.drive_means(drives)
         motion = None
         if density is not None:
             deformable = set(materials) - set(bodies.walls)
@@ -308,7 +316,7 @@ class Problem:
                 the wrong shape or with other arguments; relative=True where facets open on demand,
                 whose new nodes have no initial displacement.
         """
-        self.loading.add_dirichlet(facets, value, component, relative)
+        self._calls.dirichlet(facets, value, component, relative)
 
     @of_all_ranks
     def dirichlet_points(
@@ -324,7 +332,7 @@ class Problem:
         Raises:
             ValueError: no node is selected, unknown component or a value of the wrong shape.
         """
-        self.loading.add_dirichlet_points(where, value, component)
+        self._calls.dirichlet_points(where, value, component)
 
     @of_all_ranks
     def traction(self, facets: Where, value: Value | Expr) -> None:
@@ -342,7 +350,7 @@ class Problem:
             ValueError: nothing selected, facets inside the mesh, or a value of the wrong shape or
                 of another mesh.
         """
-        self.loading.add_traction(facets, value)
+        self._calls.traction(facets, value)
 
     @of_all_ranks
     def point_load(self, where: Locator, value: Value, component: int | str | None = None) -> None:
@@ -363,7 +371,7 @@ class Problem:
             ValueError: no node is selected, or one on an interface, unknown component or a value of
                 the wrong shape.
         """
-        self.loading.add_point_load(where, value, component)
+        self._calls.point_load(where, value, component)
 
     @of_all_ranks
     def pressure(
@@ -396,7 +404,7 @@ class Problem:
             ValueError: nothing selected, facets inside the mesh, an interface that is a tie, or
                 that slides at finite strain, a UFL expression or a value of the wrong shape.
         """
-        self.loading.add_pressure(facets, value, debonded, share)
+        self._calls.pressure(facets, value, debonded, share)
 
     @of_all_ranks
     def spring(
@@ -427,11 +435,11 @@ class Problem:
         if viscosity is not None:
             given = checked_viscosity(viscosity)
             damping = moving(self.step.motion).damping
-            damping.dashpots.append((self.loading.boundary(facets, "spring"), given))
+            damping.dashpots.append((self._calls.boundary(facets, "spring"), given))
         elif stiffness is None:
             raise ValueError("spring: give a stiffness, a viscosity, or both")
         if stiffness is not None:
-            self.loading.add_spring(facets, stiffness)
+            self._calls.spring(facets, stiffness)
 
     @of_all_ranks
     def rigid_face(
@@ -470,7 +478,7 @@ class Problem:
             ValueError: nothing selected, facets inside the mesh, a node that is prescribed or
                 belongs to two faces, or inconsistent arguments or ones of the wrong shape.
         """
-        number = self.loading.add_rigid_face(facets, component, tilts, at, force, displacement)
+        number = self._calls.rigid_face(facets, component, tilts, at, force, displacement)
         return RigidMotion(self.loading, number)
 
     @of_all_ranks
@@ -484,7 +492,7 @@ class Problem:
         Raises:
             ValueError: unknown tag, or a value of the wrong shape or of another mesh.
         """
-        self.loading.add_body_force(value, tag)
+        self._calls.body_force(value, tag)
 
     # Results
 
@@ -602,7 +610,7 @@ class Problem:
             "vmdg.integral(problem, interface, lambda state: state.traction[:, 0]) along x"
         )
         self.step.activation.refuse(facets, "reaction", reason)
-        dofs = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
+        dofs = nodes_of_facets(self.space, facets)
         bodies = self.discretization.bodies
         cells = facet_cells(self.mesh)[facets]
         touched = np.unique(bodies.tags[cells[cells >= 0]])

@@ -279,11 +279,11 @@ class Step:
         Returns:
             Owned dofs [N].
         """
-        ray = self._loading.ray
-        if self._loading.pressurised or self._loading.strained(ray.start, ray.end):
-            t, change = self._loading.t, RATE_STEP * (ray.end - ray.start)
-            return self._residual_rate(self._loading.move, t, change)[0]
-        return self._loading.balance(at_owners(self.discretization.space, ray.rate(ray.vectors)))
+        loading, ray = self._loading, self._loading.ray
+        if loading.pressurised or loading.strained(ray.start, ray.end):
+            change = RATE_STEP * (ray.end - ray.start)
+            return self._residual_rate(loading.move, loading.t, change)[0]
+        return loading.balance(at_owners(self.discretization.space, ray.rate(loading.dead)))
 
     def overstress_rate(self, overstress: float) -> tuple[NDArray[np.float64], float]:
         """Negative derivative of the residual by the overstress at fixed u, and that of the work.

@@ -217,7 +217,7 @@ class Neighbours:
         problem, loading = self.problem, self.problem.loading
         ray = loading.ray
         if not (loading.pressurised or loading.strained(ray.start, ray.end)):
-            return at_owners(problem.space, ray.rate(ray.vectors))
+            return at_owners(problem.space, ray.rate(loading.dead))
         t, change = loading.t, MOVE * (ray.end - ray.start)
         before, ends = self.parts.forces.x.array.copy(), []
         points = [active.snapshot() for active in self.actives]

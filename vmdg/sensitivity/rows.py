@@ -81,7 +81,7 @@ class Rows:
         start, loads = ledger.begun
         t = start.t + h * last.t
         if last.t and problem.loading.ray is not None:
-            loads = problem.loading.ray.at(problem.loading.ray.vectors, t)
+            loads = problem.loading.at(problem.loading.dead, t)
         interfaces = [
             replace(one, history=shifted(one.history, other.history, h))
             for one, other in zip(start.interfaces, last.interfaces, strict=True)
