@@ -240,7 +240,7 @@ def test_static_state_stays(comm, scheme):
 def test_velocity_by_group(comm):
     """Each body has its own; others are at rest."""
     problem, _ = bar(comm, 2, vmdg.Contact())
-    vmdg.solve_dynamics(problem, [1e-6], velocity={1: (-0.5, 0.25)})
+    vmdg.solve_dynamics(problem, [1e-3], velocity={1: (-0.5, 0.25)})
     v, cells = problem.velocity.x.array.reshape(-1, 2), problem.discretization.bodies.cells_of
     for tag, value in ((1, [-0.5, 0.25]), (2, [0.0, 0.0])):
         here = v[np.unique(problem.space.dofmap.list[cells[tag]])]

@@ -127,7 +127,7 @@ def test_refused_values():
         return pulled(values, vmdg.TrapezoidalDebonding)
 
     y = forces(true, law=vmdg.TrapezoidalDebonding)
-    found = fitted(make, y, dict(zip(true, (10.0, 0.1, 0.13), strict=True)), sigma=SIGMA)
+    found = fitted(make, y, dict(zip(true, (8.0, 0.02, 0.03), strict=True)), sigma=SIGMA)
     assert found.estimate == pytest.approx(true, rel=1e-3)
     assert not found.warnings
     refused = [run for run in found.runs if run.refused]

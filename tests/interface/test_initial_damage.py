@@ -81,10 +81,15 @@ def test_crack_that_is_there_already_is_contact(comm, unloading):
         vmdg.Interface(middle(mesh, CRACK, LENGTH), law=bond, safety=4.0),
     ]
     one, two = run(beams(comm, [damaged])), run(beams(comm, parts, mesh, tags))
+    # Both name the modes of a point that closes differently, and so take its friction by other
+    # parts of the step: equal to what the balance misses.
+    missed = max(np.abs(h["imbalance"]).max() for h in (one, two))
     for column in ("x", "y", "damage", "friction", "bulk"):
         scale = np.abs(two[column]).max()
         ends = [np.interp(range(1, 5), h["load"], h[column]) for h in (one, two)]
-        np.testing.assert_allclose(*ends, atol=1e-7 * scale, err_msg=column)
+        most = missed if column == "friction" else 1e-7 * scale
+        np.testing.assert_allclose(*ends, atol=most, err_msg=column)
+    assert missed < 0.02 * one["external"].max()
     assert one["friction"][-1] > 0
     assert one["jump_steps"].sum() == two["jump_steps"].sum() == 0
 

@@ -112,7 +112,10 @@ BUDGETS = {
     "turned blocks, 2D": Budget("half of the faces slides, what opens is left out", most=3),
     "turned blocks, 3D": Budget("and the direction of friction: 8 where all begins open", most=5),
     "block on contact": Budget("nothing opens", most=2),
-    "squeezed joint": Budget("tau_s of the start of the step is nearly that of its end", most=3),
+    "squeezed joint": Budget(
+        "tau_s of the start of the step is nearly that of its end; 8 where facets begin to slide",
+        most=8,
+    ),
     "law without potential": Budget("converges quadratically, though not symmetric", most=6),
     # Multigrid
     "tied block": Budget(

@@ -297,7 +297,7 @@ class Ledger:
             pending = None if told else self._pending(slopes, gap, curved, at_rest)
             self.works = replace(self.works, increment=increment, pending=pending)
             self._enter_curvature(curved, at_rest)
-        return mean + work, more, work - straight
+        return mean + work, more, work - straight - float(more[1])
 
     def _work_in_motion(self, motion: WorkInMotion) -> float:
         """Work of loads, eigenstrains and supports in a step in time, by the trapezoidal rule, or

@@ -112,8 +112,8 @@ class Works:
         external: Work of loads, prescribed displacements and eigenstrains, and energy added by the
             discretization (2,) [N mm].
         within: Work of loads in the last step in excess of the mean of its ends, due to points that
-            begin to yield, separate or close in it [N mm]. It assumes equilibria between both ends,
-            which a snap does not pass.
+            begin to yield, separate or close in it, less what their friction takes of it [N mm]. It
+            assumes equilibria between both ends, which a snap does not pass.
         increment: The last step along the path; None if the next one does not continue it.
         pending: Work of the last step that requires residuals to compute; None for none.
         plastic: Dissipated in the bodies [N mm].
