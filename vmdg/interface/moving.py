@@ -55,6 +55,9 @@ _FAR = 1e3
 #: Distances below this, relative to the size of the surface, are rounding.
 _SAME = 1e-12
 
+#: Relative difference of int |T_n - T_n+1| dA that is more than rounding.
+_CLOSER = 1e-9
+
 
 @dataclass(frozen=True)
 class SurfaceStabilization(Stabilization):
@@ -461,7 +464,8 @@ class MovingInterface(ActiveInterface):
 
         Where contact travels along a surface, its tractions go with the other one: a block that is
         drawn over a base has the pressure of its own points, wherever these are. T of the start is
-        that of the surface with which it is closer to T of the end, int |T_n - T_n+1| dA; where it
+        that of the surface with which it is closer to T of the end, int |T_n - T_n+1| dA, of side 1
+        where both are as close but for rounding, as are pressures that grow everywhere; where it
         presses the gap was closed.
         """
         before, update, q = self._committed, self.values.update, self.quadrature
@@ -470,7 +474,7 @@ class MovingInterface(ActiveInterface):
         found = [self._carried_traction(before, side) for side in range(2)]
         misses = [q.weights @ np.linalg.norm(T - update.traction, axis=1) for T in found]
         one, two = global_sum(self._comm, misses)
-        T, gap, bonded = found[int(two < one)], self.history.gap.copy(), q.kept
+        T, gap, bonded = found[int(two < (1 - _CLOSER) * one)], self.history.gap.copy(), q.kept
         T[bonded] = self.history.traction[bonded]
         pressed = np.einsum("pi,pi->p", T, q.normal) < 0
         pressed[bonded] = False
