@@ -268,12 +268,14 @@ def admissible(run: Run) -> list[str]:
                 f"r = {r.min():.3g} does not exceed H = {np.max(law.softening_modulus):.3g}"
             )
             continue
+        here = slice(len(r))  # then follow facets whose points have lost their partners
+        R = state.rotation[here]
         points = Points(
             law,
-            state.normal,
-            in_frame(state.gap, state.rotation),
-            in_frame(state.traction, state.rotation),
-            state.softening,
+            state.normal[here],
+            in_frame(state.gap[here], R),
+            in_frame(state.traction[here], R),
+            state.softening[here],
             r,
             1e-9 * law.strength + 100 * EPS * r * run.reach + _flux_rounding(run),
         )
