@@ -264,3 +264,12 @@ def test_rules_with_corners():
                 exact = factorial(one) * factorial(two) / factorial(one + two + 2)
             found = rule.weights @ (places ** np.array(powers)).prod(axis=1)
             assert found == pytest.approx(exact, abs=4e-15)
+
+
+def test_sixty_degrees_are_opposite():
+    """However axes are turned, as rounding of the cosine must not decide."""
+    low, high = line(6, up=False), line(5, up=True, slope=np.tan(np.pi / 3))
+    for angle in np.linspace(0.0, 2 * np.pi, 24):
+        turn = rotation(2, angle)
+        one, two = (FlatFacets(*(array @ turn.T for array in side)) for side in (low, high))
+        assert cut(one, two).measures.sum() == pytest.approx(1.0)
