@@ -28,7 +28,15 @@ from mpi4py import MPI
 import numpy as np
 from numpy.random import Generator
 from parts.options import run
-from parts.stability.cases import E, choose, dimension, log_uniform, opening_scale, random_ogden
+from parts.stability.cases import (
+    TIED,
+    E,
+    choose,
+    dimension,
+    log_uniform,
+    opening_scale,
+    random_ogden,
+)
 from parts.stability.checks import EPS, Run, stiffest
 from parts.stability.runner import BAD, Outcome, execute, stress, table, write_csv
 from parts.stability.scenes import (
@@ -63,16 +71,7 @@ POWERS = {
 #: How the bodies meet; runs take turns.
 WAYS = ("matching", "separate", "kept gap", "sliding", "open")
 
-KINDS = {
-    ("triangle", 1): 4,
-    ("quadrilateral", 1): 4,
-    ("triangle", 2): 2,
-    ("quadrilateral", 2): 2,
-    ("tetrahedron", 1): 1,
-    ("hexahedron", 1): 1,
-    ("tetrahedron", 2): 0.3,
-    ("hexahedron", 2): 0.2,
-}
+KINDS = {**TIED, ("tetrahedron", 2): 0.3, ("hexahedron", 2): 0.2}
 
 #: Place of the interface along the first axis [mm].
 SPLIT = 0.5

@@ -156,9 +156,9 @@ def _miscalled(
         return error
     names = [one for one, _ in kinds]
     for unknown in (word for word in keywords if word not in names):
-        meant = near(unknown, names)
-        if not meant and all(one in names for one in _ELSEWHERE.get(unknown, ("", ["-"]))[1]):
-            meant = f": {_ELSEWHERE[unknown][0]}"
+        meant, (formula, needed) = near(unknown, names), _ELSEWHERE.get(unknown, ("", []))
+        if formula and not meant and {*needed} <= {*names}:
+            meant = f": {formula}"
         meant = meant or f"; it takes {', '.join(names)}"
         return TypeError(f"{name}: there is no {unknown}={meant}")
     plain = [one for one, kind in kinds if kind is not inspect.Parameter.KEYWORD_ONLY]
