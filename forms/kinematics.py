@@ -435,9 +435,8 @@ def volume_gradient(body: Body, F: Expr, entries: Entries) -> Expr:
     return ufl.as_vector([dJ[entry] for entry in entries[:-1]])
 
 
-def stiffness(body: Body, geometry: Geometry, F: Expr, eta: Expr, du: Expr) -> Expr:
-    """GRAD eta : A : GRAD du, the first term of (85) [N/mm2]."""
-    gradients = geometry.gradient(eta), geometry.gradient(du)
+def stiffness(body: Body, geometry: Geometry, F: Expr, *gradients: Expr) -> Expr:
+    """GRAD eta : A : GRAD du, the first term of (85), of these two gradients (n, n) [N/mm2]."""
     if body.points is None:
         return _contracted(bulk_moduli(body, geometry, F), *gradients)
     K = body.points.stiffness(*gradients)

@@ -10,6 +10,7 @@ from support.problems import joined
 from support.scenes import DIMENSION, EVERY_CELL
 
 import vmdg
+from vmdg.interface.history import PointHistory, works
 from vmdg.meshes import blocks
 
 E, NU = 5000.0, 0.25
@@ -178,3 +179,26 @@ def test_cut_step_ends_where_small_steps_end(comm):
     assert history["T"][-1] == pytest.approx(traction, abs=2e-8)
     for load, gap in zip(history["load"], history["zeta"], strict=True):
         assert gap == pytest.approx(closed_form(load)[0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        vmdg.Contact(0.4),
+        vmdg.Debonding(3.0, 0.02, friction=0.4, unloading="secant"),
+        vmdg.MixedModeDebonding(3.4, 2.8, 0.02, 0.049, 0.4, unloading="secant"),
+    ],
+    ids=lambda law: type(law).__name__,
+)
+def test_friction_at_no_pressure(law):
+    """Whether the pressure ends just above or just below zero makes no difference to its work."""
+    N, r = np.array([[0.0, 1.0]]), np.array([1000.0])
+    Q = np.array([law.strength * (0.4 if law.has_bond else 1.0)])
+    start = law.return_map(np.array([[6.0, -2.0]]), N, np.array([[0.005, 0.0]]), Q, r, 1.0)
+    history = PointHistory(start.gap, start.softening, start.mode, start.traction)
+    found = []
+    for pull in (-1e-14, 0.0, 1e-14):
+        end = law.return_map(np.array([[3.0, pull]]), N, start.gap, start.softening, r, 1.0)
+        found.append(works(history, end, law, N, r)[1, 0])
+    assert min(found) > 1e-4
+    assert found == pytest.approx([found[0]] * 3, rel=1e-10)

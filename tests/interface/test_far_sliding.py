@@ -17,7 +17,7 @@ from support.scenes import DIMENSION
 import vmdg
 from vmdg import Mode, compat
 from vmdg.base.parallel import global_sum
-from vmdg.interface.moving import tractions_at
+from vmdg.interface.moving import of_places, tractions_at
 from vmdg.meshes import apart, blocks
 from vmdg.output.fields import InterfaceFields
 
@@ -373,6 +373,15 @@ def test_points_at_one_place_have_one_traction():
     assert traction == pytest.approx(-np.array([[0, 1], [0, 5], [0, 5], [0, 4.0]]))
 
 
+def test_points_at_one_place_carry_one_gap():
+    """The mean with the same sum of r dA times it, and one mode."""
+    X = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1e-16], [2.0, 0.0]])
+    values, modes = np.array([[1.0], [2.0], [6.0], [4.0]]), np.array([0, 3, 4, 1], dtype=np.int8)
+    gap, mode = of_places(values, modes, X, 2.0, np.array([1, 1, 3, 1.0]))
+    assert gap == pytest.approx(np.array([[1.0], [5.0], [5.0], [4.0]]))
+    assert mode.tolist() == [0, 4, 4, 1]
+
+
 #: The diagonal of a cube upright.
 TIP = np.array([[1, -1, 0], [1, 1, -2], [1, 1, 1]]) / np.sqrt([[2], [6], [3]])
 
@@ -701,6 +710,43 @@ def test_shrink_fit(kinematics, sliding):
     pressure, imbalance = fitted(2, 1e-3, kinematics, sliding, (24, 32))
     assert pressure == pytest.approx(1.0, rel=1e-3)
     assert abs(imbalance) < 1e-3
+
+
+def overlapping(overlap, taper, **options):
+    """Force of two blocks of height 1, all at u_x = 0 on their sides, that overlap; with taper by
+    nothing at x = 0."""
+    cells = (4, 16)
+
+    def lowered(x):
+        depth = overlap * (x[0] if taper else 1.0)
+        return np.stack([x[0], x[1] - depth * (1 - x[1])])
+
+    lower = block("quadrilateral", cells, (0.0, -1.0), (1.0, 0.0), 1)
+    upper = block("quadrilateral", (5, 16), (0.0, 0.0), (1.0, 1.0), 2)
+    scene = apart([lower, moved(upper, lowered)])
+    bodies = dict.fromkeys((1, 2), vmdg.NeoHookean(E=1000.0, nu=0.0))
+    contact = vmdg.Interface(between=(1, 2), law=vmdg.Contact(), **options)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [contact])
+    for end in (-1.0, 1.0):
+        problem.dirichlet(lambda x, y=end: np.isclose(x[1], y), 0.0)
+    for low, high in ((-1.0, -1e-6), (0.2, 1.0)):
+
+        def sides(x, low=low, high=high):
+            ends = np.isclose(x[0], 0.0) | np.isclose(x[0], 1.0)
+            return ends & (x[1] > low) & (x[1] < high)
+
+        problem.dirichlet(sides, 0.0, "x")
+    vmdg.solve(problem, [1.0])
+    return problem.reaction(lambda x: np.isclose(x[1], -1.0))[1]
+
+
+@pytest.mark.parametrize("options", [{"gap": "keep"}, {"sliding": True}], ids=str)
+def test_overlap_of_many_cells(options):
+    """Overlaps up to five cells deep: the sum of columns that are pressed alone, but for the shear
+    between them, by Simpson's rule. The columns have no stress before they have moved."""
+    half, whole = (overlapping(overlap, False, **options) for overlap in (0.15, 0.3))
+    force = overlapping(0.3, True, **options)
+    assert force == pytest.approx((4 * half + whole) / 6, rel=0.02)
 
 
 def graded(n, fine, total):

@@ -218,26 +218,21 @@ class Discretization:
         return [PointFlux(active, self.u, self.bodies) for active in self.active.values()]
 
     @cached_property
-    def _uniform(self) -> tuple[list[fem.Constant], list[fem.Form], list[fem.Form]]:
-        """A uniform gradient, in the plane or in space (d, d) and of F_33, and the forces
+    def _uniform(self) -> tuple[fem.Constant, list[fem.Form], list[fem.Form]]:
+        """A uniform gradient E, in the plane or in space and with F_33 (n, n), and the forces
         GRAD eta : A : E and E : A : GRAD eta of the bodies, on nodes and on F_33."""
-        weak, d = self.weak_form, self.mesh.geometry.dim
-        E = [fem.Constant(self.mesh, np.zeros((d, d)))]
-        fields = [ufl.dot(E[0], ufl.SpatialCoordinate(self.mesh))]
-        tests = [ufl.TestFunction(self._test_space)]
-        if self._axial:
-            E.append(fem.Constant(self.mesh, 0.0))
-            fields.append(E[1])
-            tests.append(self._axial_test)
+        weak, n = self.weak_form, self.mesh.geometry.dim + self._axial
+        E = fem.Constant(self.mesh, np.zeros((n, n)))
+        tests = [ufl.TestFunction(self._test_space), *[self._axial_test] * self._axial]
 
         def compiled(tangent: Callable[[Expr, Expr], ufl.Form]) -> list[fem.Form]:
-            sums = [sum((tangent(eta, du) for du in fields), ufl.Form([])) for eta in tests]
+            sums = [tangent(weak.geometry.gradient(eta), E) for eta in tests]
             return [weak.compile(form, "bodies' tangent along a gradient") for form in sums]
 
-        forms = compiled(weak.bulk_tangent)
+        forms = compiled(weak.along)
         if self._at_points is None or self._at_points.symmetric:
             return E, forms, forms
-        return E, forms, compiled(lambda eta, du: weak.bulk_tangent(du, eta))
+        return E, forms, compiled(lambda eta, du: weak.along(du, eta))
 
     @cached_property
     def _energy_form(self) -> fem.Form:
@@ -430,12 +425,11 @@ class Discretization:
             Owned dofs [N].
         """
         E, forms = self._uniform[0], self._uniform[1 + adjoint]
+        E.value[:] = gradient
         d, axial = self.mesh.geometry.dim, 0.0
-        E[0].value[:] = gradient[:d, :d]
         total = fem.Function(self.space).x
         forces = self._nodal_forces(total.array)
         if self._axial:
-            E[1].value = gradient[2, 2]
             axial = self._axial_force(forms[1])
         fem.assemble_vector(forces, forms[0])
         dofs = self._test_space.dofmap.list

@@ -78,6 +78,11 @@ class WeakForm:
 
     def bulk_tangent(self, eta: Expr, du: Expr, cells: Marks | None = None) -> ufl.Form:
         """First term of (85), of all cells or of some."""
+        return self.along(*map(self.geometry.gradient, (eta, du)), cells)
+
+    def along(self, eta: Expr, du: Expr, cells: Marks | None = None) -> ufl.Form:
+        """First term of (85) of these gradients (n, n). Both directions of a sum belong in one of
+        them: UFL takes minutes to put in order two terms that differ in a leaf of a material."""
         return self.over_bodies(
             lambda body, F: kinematics.stiffness(body, self.geometry, F, eta, du), cells
         )

@@ -238,6 +238,10 @@ class ActiveInterface:
 
     # Return maps
 
+    def start(self) -> PointValues:
+        """The values for undeformed bodies."""
+        return self._return_map.start()
+
     def trial(self, closes: bool = False) -> Trial:
         """Input of the return map of the step at the current displacement.
 

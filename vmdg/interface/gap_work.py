@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ..laws import Update
 from ..laws.base import dot
+from ..laws.extrinsic import RadialLaw
 from .active import ActiveInterface
 from .history import works
 from .return_map import Trial, map_back
@@ -41,9 +42,6 @@ SHORTEST = 1e-3
 #: Change of the trial traction times that of zeta, relative to strength^2/H, up to which a part is
 #: not subdivided.
 LARGE = 1e-5
-
-#: Number of parts of the step for which a law computes damage work.
-CHARGED = 4
 
 #: Fraction of the step at which the overstress is taken as that at its start.
 FIRST = 1e-7
@@ -155,6 +153,13 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
                 for one, other in ((a.traction, b.traction), (a.overstress, b.overstress))
             ]
         )
+        # T_N zeta_N = 0 all the way where faces without a bond meet or part.
+        pressures, widths = (
+            np.einsum("spi,pi->sp", x, N[rows]) for x in (states.traction, states.gap)
+        )
+        lowest, highest = np.minimum(*_ends(pressures)), np.maximum(*_ends(pressures))
+        meets = (highest == 0) & (lowest < 0)
+        works[0] -= meets * lowest / 2 * np.diff(widths, axis=0)
         part /= PARTS
         s, p = np.nonzero(a.mode != b.mode)
         gaps = np.linalg.norm(b.gap[s, p] - a.gap[s, p], axis=1)
@@ -195,14 +200,23 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
         each = works(start._replace(mode=modes), found, law.at(rows), N[rows], r[rows])
         return (each.reshape(3, parts, -1).sum(axis=1) - whole_works[:, chosen]) @ weights[chosen]
 
+    # With one curve for all directions damage work follows from Q.
+    turns = law.unloads_to_origin and not isinstance(law, RadialLaw)
     parting = np.flatnonzero(update.damage_work[moved] > 0)
-    if law.unloads_to_origin and parting.size:
-        charged[0] = excess(parting, CHARGED)[0]
-    # The pressure under which a point slides begins or ends within the step.
-    turning = np.flatnonzero((states.mode[1:] != states.mode[:-1]).any(axis=0))
-    if np.any(np.greater(law.friction, 0.0)) and turning.size:
-        charged[1] = excess(turning, PARTS)[1]
+    if turns and parting.size:
+        charged[0] = excess(parting, PARTS)[0]
+    # The pressure under which a point slides changes, and may begin or end, within the step. All
+    # points that slide are asked: whether one ends open or under no pressure is up to rounding.
+    turning = (states.mode[1:] != states.mode[:-1]).any(axis=0)
+    rubbing = np.flatnonzero(turning | (whole_works[1] > 0))
+    if np.any(np.greater(law.friction, 0.0)) and rubbing.size:
+        charged[1] = excess(rubbing, PARTS)[1]
     return float(weights @ total), charged
+
+
+def _ends(states: Array) -> tuple[Array, Array]:
+    """Values at the start and at the end of every part (s, m)."""
+    return states[:-1], states[1:]
 
 
 def _at_rest(active: ActiveInterface, total: Array) -> Array:

@@ -59,6 +59,19 @@ def hold_sliding_points(active: ActiveInterface) -> None:
     _assume(active, active.history.mode == Mode.FRICTION, 0.0)
 
 
+def without_couples(active: ActiveInterface) -> None:
+    """No moments of T at the gaps: undeformed bodies that overlap carry nothing yet, and T = r g of
+    several cells' depth would turn them by its moment, of second order in g."""
+    if (moment := active.values.moment) is not None:
+        active.values = replace(active.values, moment=np.zeros_like(moment))
+
+
+def hold_unstressed(active: ActiveInterface) -> None:
+    """The values of undeformed bodies in contact, for the next tangent: with g in place of zero its
+    terms g.d{P.N}/dF, as large as r h where g is a cell's depth, would outweigh the bodies."""
+    active.values = replace(active.start(), compliance=active.values.compliance)
+
+
 def hold_points(active: ActiveInterface, begun: PointValues, points: Points) -> None:
     """Restore the values at the start of the step, with C = 0 at some points.
 

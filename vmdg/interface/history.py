@@ -109,10 +109,11 @@ def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, 
 
     The law uses the pressure at the end. Where a point slides, the mean of both ends is accurate to
     second order, which adds mu (|T_N,n| - |T_N,n+1|) dgamma / 2. Where a sliding point lifts off,
-    the pressure falls to zero within the fraction s = |T_N,n| / (|T_N,n| + r dzeta_N) of the step:
-    mu |T_N,n| s |dzeta_T| / 2 [N/mm]. Where a gap closes, the pressure grows from zero within the
-    last s = |T_N,n+1| / (|T_N,n+1| + r |dzeta_N|) of the step, which leaves mu |T_N,n+1| s dgamma /
-    2. All are multiplied by the fraction of the point subject to friction.
+    the pressure falls to zero within the fraction s = |T_N,n| / (|T_N,n| + T_N,n+1 + r dzeta_N) of
+    the step, with T_N,n+1 of what is left of a bond: mu |T_N,n| s |dzeta_T| / 2 [N/mm]. Where a gap
+    closes, the pressure grows from zero within the last s = |T_N,n+1| / (|T_N,n+1| + r |dzeta_N|)
+    of the step, which leaves mu |T_N,n+1| s dgamma / 2. All are multiplied by the fraction of the
+    point subject to friction.
     """
     first, last = (
         np.maximum(-np.einsum("pi,pi->p", T, N), 0.0) for T in (before.traction, update.traction)
@@ -122,12 +123,14 @@ def _friction_between(before: PointHistory, update: Update, law: Law, N: Array, 
     slid = (before.mode == Mode.FRICTION) | (before.softening >= law.strength)
     slips = (update.mode == Mode.FRICTION) & slid | (update.mode == Mode.SHEAR) & (rubs < 1.0)
     work = slips * (first - last) * update.multiplier / 2
-    lifts = (before.mode == Mode.FRICTION) & (update.mode == Mode.OPEN) & (first > 0)
+    parted = np.isin(update.mode, (Mode.OPEN, Mode.TENSION, Mode.ELASTIC)) & (last == 0)
+    rubbed = (before.mode == Mode.FRICTION) | (update.mode == Mode.TENSION) & (rubs < 1.0)
+    lifts = rubbed & parted & (first > 0)
     change = (update.gap - before.gap)[lifts]
     opening = np.einsum("pi,pi->p", change, N[lifts])
     slip = np.linalg.norm(change - opening[:, None] * N[lifts], axis=1)
-    pressure = first[lifts]
-    share = pressure / (pressure + r[lifts] * np.maximum(opening, 0.0))
+    pressure, pulled = first[lifts], np.einsum("pi,pi->p", update.traction, N)[lifts]
+    share = pressure / (pressure + pulled + r[lifts] * np.maximum(opening, 0.0))
     work[lifts] = pressure * share * slip / 2
     free = (rubs < 1.0) | (before.softening >= law.strength)
     closes = (update.mode == Mode.CLOSING) & (first == 0) & (last > 0) & free

@@ -173,6 +173,8 @@ class CommittedPoints:
         rows: That number (nq,).
         normal: Of side 1 (nq, d).
         elastic: s in the frame of the law (nq, d) [mm].
+        stiffness: r dA (nq,).
+        size: Of the surface [mm].
         both: X on both sides of the points of all ranks (n, d) [mm].
         normals: Of side 1, of these, by side whose points at one place have one normal (n, d).
         tractions: Of these, in the frame of the law, likewise (n, d) [MPa].
@@ -185,6 +187,8 @@ class CommittedPoints:
     normal: Array
     elastic: Array
     history: PointHistory
+    stiffness: Array
+    size: float
     both: tuple[Array, Array]
     normals: tuple[Array, Array]
     tractions: tuple[Array, Array]
@@ -194,6 +198,15 @@ class CommittedPoints:
     def tree(self) -> scipy.spatial.cKDTree:
         """For the nearest of the points, if there is one on the same facet."""
         return scipy.spatial.cKDTree(self.places)
+
+    @cached_property
+    def carried(self) -> tuple[Array, Array, NDArray[np.int8]]:
+        """s (nq, d), zeta_N [mm] and mode (nq,), of points at one place the same."""
+        parted = np.einsum("pi,pi->p", self.history.gap, self.normal)
+        values = np.column_stack([self.elastic, parted])
+        given = self.places, self.size, self.stiffness
+        means, mode = of_places(values, self.history.mode, *given)
+        return means[:, :-1], means[:, -1], mode
 
     @cached_property
     def nearby(self) -> tuple[scipy.spatial.cKDTree, scipy.spatial.cKDTree]:
@@ -373,11 +386,9 @@ class MovingInterface(ActiveInterface):
             mode[bonded] = Mode.ELASTIC
         elif len(before.rows):
             nearest, same = _nearest(before.tree, before.rows, self._places(), self._first())
-            old, at = before.history, nearest[same]
-            turn = before.normal[at], N[same]
-            gap[same] -= turned(before.elastic[at], *turn)
-            normal[same] = np.einsum("pi,pi->p", old.gap[at], turn[0])
-            mode[same] = old.mode[at]
+            at, (elastic, parted, modes) = nearest[same], before.carried
+            gap[same] -= turned(elastic[at], before.normal[at], N[same])
+            normal[same], mode[same] = parted[at], modes[at]
         if before is not None and len(before.both[0]):
             traction = self._carried_traction(before, 0)
         along = np.einsum("pi,pi->p", gap, N)
@@ -519,14 +530,15 @@ class MovingInterface(ActiveInterface):
 
     def _remember(self, s: Array) -> None:
         """Keep the points with their history and s as those of the end of a step; collective."""
-        q, T = self.quadrature, self.history.traction
-        s = _of_places(s, self._places(), self._size, q.weights * self.stabilization.norm[q.facet])
+        q, T, size = self.quadrature, self.history.traction, self._size
+        stiffness = q.weights * self.stabilization.norm[q.facet]
         X = tuple(gathered(self._comm, x) for x in self._both_places())
         known = [gathered(self._comm, array) for array in (T, q.normal, q.weights)]
-        found = [tractions_at(x, self._size, *known) for x in X]
+        found = [tractions_at(x, size, *known) for x in X]
         given = self._u.x.array.copy(), self._places(), self._first(), q.normal, s, self.history
         normals, tractions = zip(*found, strict=True)
-        self._committed = CommittedPoints(*given, X, normals, tractions, self._pressed(T))
+        given += stiffness, size, X, normals, tractions, self._pressed(T)
+        self._committed = CommittedPoints(*given)
 
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""
@@ -597,22 +609,27 @@ class MovingInterface(ActiveInterface):
         self.return_to(other.snapshot())
 
 
-def _of_places(s: Array, places: Array, size: float, stiffness: Array) -> Array:
-    """s of points that share a corner of segments of one facet: their mean, with the same sum of
-    r s dA, as the nearest of them would be a matter of rounding (nq, d) [mm].
+def of_places(
+    values: Array, mode: NDArray[np.int8], places: Array, size: float, stiffness: Array
+) -> tuple[Array, NDArray[np.int8]]:
+    """Values of points that share a corner of segments of one facet, as the nearest of them would
+    be a matter of rounding: their mean, with the same sum of r dA times it, and the last mode.
 
     Args:
-        s: Of every point (nq, d) [mm].
+        values: Of every point (nq, n).
+        mode: Likewise (nq,).
         size: Of the surface [mm].
         stiffness: r dA (nq,).
     """
     place, count = _numbered(places, size)
     if count is None:
-        return s
+        return values, mode
     whole = np.bincount(place, stiffness)[place]
     share = np.divide(stiffness, whole, out=np.ones_like(whole), where=whole > 0)
-    mean = np.column_stack([np.bincount(place, share * column)[place] for column in s.T])
-    return np.where((count > 1)[place, None], mean, s)
+    mean = np.column_stack([np.bincount(place, share * column)[place] for column in values.T])
+    last = np.zeros(len(count), dtype=mode.dtype)
+    np.maximum.at(last, place, mode)
+    return np.where((count > 1)[place, None], mean, values), last[place]
 
 
 def tractions_at(

@@ -16,9 +16,11 @@ from ..interface.active import ActiveInterface, damage_work, goes_on, take_overl
 from ..interface.guess import (
     hold_points,
     hold_sliding_points,
+    hold_unstressed,
     open_free_points,
     pressed_points,
     touching_points,
+    without_couples,
 )
 from ..interface.moving import MovingInterface
 from ..interface.sliding import sliding
@@ -218,6 +220,13 @@ class Step:
                 hold_sliding_points(active)
         self.assemble_residual(dt, hold=True, anew=anew)
         self.ledger.hold()
+        apart = [one for one in self._failing() if one.quadrature.distance is not None]
+        if apart and not global_any(self._comm, self.discretization.u.x.array.any()):
+            for active in apart:
+                without_couples(active)
+            self.discretization.assemble_residual(None, loads=self._loading.vector)
+            for active in apart:
+                hold_unstressed(active)
 
     def close(self, dt: float) -> bool:
         """Whether crack faces in contact overlap in the prediction, which must be repeated;

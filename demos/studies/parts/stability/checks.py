@@ -48,6 +48,7 @@ class Record:
     forces: Array  # Internal minus external forces
     prescribed: NDArray[np.int32]  # Prescribed dofs
     softening: list[Array]  # Q of every interface
+    weights: list[Array]  # dA of its points
     gap: list[Array]  # zeta~ of every interface
     traction: list[Array]  # T~ of every interface
     energy: vmdg.Energy  # Energies
@@ -63,6 +64,7 @@ class Record:
             problem.discretization.forces.x.array.copy(),
             problem.loading.prescribed,
             [state.softening.copy() for state in states],
+            [state.weights.copy() for state in states],
             [in_frame(state.gap, state.rotation) for state in states],
             [in_frame(state.traction, state.rotation) for state in states],
             problem.energy(),
@@ -407,24 +409,26 @@ def damage_energy(run: Run) -> list[str]:
 
     With unloading to the origin the bond still stores half of R times the largest gap.
     """
-    bonds = [each for each in zip(run.laws, run.problem.state, strict=True) if each[0].inelastic]
-    if not all(isinstance(law, RADIAL) for law, _ in bonds):
+    first, last = run.records[0], run.records[-1]
+    bonds = [k for k, law in enumerate(run.laws) if law.inelastic]
+    if not all(isinstance(run.laws[k], RADIAL) for k in bonds):
         return []
 
-    def lost(law: vmdg.Law, Q: Array) -> Array:
+    def left(law: vmdg.Law, Q: Array) -> Array:
+        """What damage can still take: nothing where surfaces have slid to points of their own."""
         whole = law.strength + 0 * Q
         with np.errstate(invalid="ignore"):  # of an exponential bond that is gone
             stored = np.nan_to_num((whole - Q) * law.slip_to(whole, whole - Q)) / 2
-        spent = law.bond_energy(whole) - law.bond_energy(whole - Q)
-        return spent - (stored if law.unloads_to_origin else 0.0)
+        return law.bond_energy(whole - Q) + (stored if law.unloads_to_origin else 0.0)
 
-    starts = [Q for law, Q in zip(run.laws, run.records[0].softening, strict=True) if law.inelastic]
     spent = whole = 0.0
-    for (law, state), start in zip(bonds, starts, strict=True):
-        Q0 = start if len(start) == len(state.softening) else 0 * state.softening
-        spent += state.weights @ (lost(law, state.softening) - lost(law, Q0))
-        whole += state.weights @ law.bond_energy(law.strength + 0 * state.softening)
-    damage = run.records[-1].energy.damage
+    for k in bonds:
+        law, opens = run.laws[k], len(first.softening[k]) < len(last.softening[k])
+        start = last if opens and not run.case.bonds[k].slides else first
+        Q0, dA = (0 if start is last else 1) * start.softening[k], start.weights[k]
+        spent += dA @ left(law, Q0) - last.weights[k] @ left(law, last.softening[k])
+        whole += dA @ law.bond_energy(law.strength + 0 * Q0)
+    damage = last.energy.damage
     return [f"damage took {damage:.6e}, the bonds lost {float(spent):.6e} N mm"] * bool(
         abs(damage - spent) > 1e-9 * whole
     )
