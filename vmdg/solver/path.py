@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -13,10 +13,11 @@ from ..problem.supports import bonds, hanging_piece, hold_pieces
 from .attempt import Attempt
 from .jump import jump
 from .limit_point import limit_point
-from .limits import ROUNDING, Limits
+from .limits import ROUNDING, Direction, Limits
 from .options import PathOptions
 from .reasons import explained
 from .result import Result, StepFailure
+from .retreat import damage_twice
 from .steps import Steps
 
 
@@ -146,16 +147,23 @@ class Path:
                 else:
                     crest.limit = crest.limit or before
                     crest.kept.append((part, step.snapshot()))
-                    if stage.ahead(part.t, crest.limit.t) > 0 or part.t == target:
+                    ends = stage.ahead(part.t, crest.limit.t) > 0 or part.t == target
+                    states = [state for _, state in crest.kept]
+                    if ends and self._twice(crest, states) <= self._numbers.twice:
                         yield from self._rows(crest.kept)
                         crest = Crest()
-                    elif stage.ahead(crest.limit.t, part.t) > stage.span:
+                    elif ends or stage.ahead(crest.limit.t, part.t) > stage.span:
                         stage, crest = (yield from self._snap(stage, crest)), Crest()
             if problem.t == target and not crest.kept:
                 return
             if not stage.follows and before.discretization is not problem.discretization:
                 # Facets have opened: there are bonds to follow now.
                 stage = self._set_out(target)
+
+    def _twice(self, crest: Crest, states: Sequence[Snapshot]) -> float:
+        """:func:`.damage_twice` in states beyond a limit point; collective."""
+        before = crest.last[0] if crest.last else crest.limit
+        return damage_twice(before, crest.limit, states)
 
     def _rows(self, kept: list[tuple[Part, Snapshot]]) -> Iterator[Part]:
         """Buffered steps."""
@@ -414,14 +422,33 @@ class Path:
         part, behind = crest.kept[0]
         beyond, way = (behind, part.attempt), stage.target - stage.start
         top = limit_point(self._steps, crest.last, limit, beyond, way)
-        # At the limit point itself there is no driving force.
-        away = self._numbers.released * stage.span
         states = [state for _, state in crest.kept]
-        far = (state for state in states if stage.ahead(top.t, state.t) > away)
-        found = self._jump(stage, top.t, top, next(far, states[-1]))
+        found = self._jump(stage, top.t, top, self._beyond(stage, crest, top, states))
         if found is None:
             self._problem.step.return_to(states[-1])
         return found
+
+    def _beyond(
+        self, stage: Stage, crest: Crest, top: Snapshot, states: Sequence[Snapshot]
+    ) -> Snapshot:
+        """The state from which a jump starts: at the limit point there is no driving force, and far
+        beyond it bonds have closed that stay open in a machine; collective."""
+        away, way = self._numbers.released * stage.span, stage.target - stage.start
+        count = next((k for k in range(1, len(states) + 1) if self._twice(crest, states[:k])), None)
+        if count is None or count > 1:
+            whole = states[: count and count - 1]
+            far = (state for state in whole if stage.ahead(top.t, state.t) > away)
+            return next(far, whole[-1])
+        step, work, ahead = self._problem.step, crest.kept[0][0].attempt.work, top.way_to(states[0])
+        for _ in range(self._numbers.halvings):
+            shown, work = Attempt(work=work, ahead=ahead and Direction(*ahead)), work / 2
+            step.return_to(top)
+            limits = Limits(top.t, top.t + way, abs(way), work=work)
+            if self._steps.attempt(limits, shown).converged:
+                near = step.snapshot()
+                if stage.ahead(top.t, near.t) > 0 and not self._twice(crest, [near]):
+                    return near
+        return states[0]
 
     def _jump(self, stage: Stage, t: float, limit: Snapshot, start: Snapshot) -> Part | None:
         """Jump to a distant equilibrium, see :func:`.jump`; None, and undone, if there is none."""

@@ -1,0 +1,43 @@
+"""What a path does beyond a limit point that no machine would do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..base.parallel import global_max
+from ..problem.states import Snapshot
+
+
+def damage_twice(before: Snapshot, limit: Snapshot, states: Sequence[Snapshot]) -> float:
+    """The largest fraction of its strength that a bond loses a second time on the way; collective.
+
+    A machine holds the load at a limit point until the next equilibrium. On the path the load
+    falls and comes back. Where bonds break one by one both have the same end: points that fail go
+    on, others unload elastically. But what opened or slid before the limit, by dzeta, may come back
+    meanwhile: the gap was paid for, and is lost. With the steps d_k zeta on the way it is H b/P_c,
+    b = sum of max(-d_k zeta.dzeta, 0)/|dzeta|. Laws that unload to the origin lose nothing.
+    Surfaces that slide have other points in every state; they are left out.
+
+    Args:
+        before: The state before the limit point.
+        limit: The state of the largest load.
+        states: Those beyond, in their order.
+    """
+    now, most = limit.discretization, 0.0
+    same = all(state.discretization is now for state in (before, *states))
+    for k, active in enumerate(now.active.values() if same else ()):
+        law, slides = active.law, limit.interfaces[k].pairs is not None
+        if not law.has_bond or law.unloads_to_origin or slides:
+            continue
+        history = limit.interfaces[k].history
+        moved = history.gap - before.interfaces[k].history.gap
+        length, back = np.linalg.norm(moved, axis=1), np.zeros(len(moved))
+        for one, other in zip((limit, *states), states, strict=False):
+            way = other.interfaces[k].history.gap - one.interfaces[k].history.gap
+            back += np.maximum(-np.einsum("pi,pi->p", way, moved), 0.0)
+        bonded = (length > 0) & (history.softening < law.strength)
+        share = law.softening_modulus * back / np.where(bonded, length, 1.0) / law.strength
+        most = max(most, np.max(share * bonded, initial=0.0))
+    return float(global_max(now.mesh.comm, most))
