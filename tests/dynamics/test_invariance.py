@@ -48,6 +48,7 @@ def flight(comm, scheme, kinematics, L=1.0, S=1.0, T=1.0, angle=0.0):
     return np.array([history[name] for name in "ksdnmxy"])
 
 
+@pytest.mark.filterwarnings("ignore:solve_dynamics. up to")  # long steps
 @pytest.mark.parametrize(
     ("scheme", "kinematics"),
     [(vmdg.GeneralizedAlpha(), "small"), (vmdg.CentralDifferences(), "finite")],

@@ -83,6 +83,7 @@ def test_extended(comm, scheme):
         assert one == pytest.approx(other, rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:solve_dynamics. up to")  # long steps
 def test_explicit_run_that_fails(comm):
     """A load that throws the body away: the state is that of the last row."""
     problem, far = pulled(comm, "finite"), lambda x: np.isclose(x[1], 1.0)

@@ -42,11 +42,15 @@ class ExplicitSteps:
     Args:
         continues: Whether to continue between two renewals of an earlier run.
 
+    Attributes:
+        balance: Of the energies; None before the first step.
+
     Raises:
         ValueError: lumped masses are not positive, or a mean is not prescribed.
     """
 
     krylov = 0
+    cure = "take shorter steps, by a smaller safety="
 
     def __init__(
         self,
@@ -87,7 +91,7 @@ class ExplicitSteps:
         self._count, self._critical, self._longest, self._cuts = start
         self._most_cuts, self._h = options.max_cuts, 0.0
         # Energies, and a.M.a, of the last state that was looked at.
-        self._balance: Balance | None = None
+        self.balance: Balance | None = None
         self._accelerations = 0.0
         parts = problem.discretization
         # The tangent of bonded interfaces at small strain.
@@ -105,8 +109,8 @@ class ExplicitSteps:
         the next one has steps half as long, with a new critical step; collective."""
         problem = self._problem
         good = problem.step.snapshot()
-        if self._balance is None:
-            self._balance, self._accelerations = Balance(problem), self._squares()
+        if self.balance is None:
+            self.balance, self._accelerations = Balance(problem), self._squares()
         while problem.t < t:
             if reason := self._some_steps(t) or self._wrong():
                 problem.step.return_to(good)
@@ -160,7 +164,7 @@ class ExplicitSteps:
         if reason := problem.step.invalid():
             return reason
         before, self._accelerations = self._accelerations, self._squares()
-        if self._balance.holds(self._h**2 / 8 * (self._accelerations - before)):
+        if self.balance.holds(self._h**2 / 8 * (self._accelerations - before)):
             return ""
         self._accelerations = before
         return GAINED

@@ -45,7 +45,13 @@ _AIM = 0.9
 
 
 class ImplicitSteps:
-    """Steps of the generalized alpha method, see :class:`.GeneralizedAlpha`."""
+    """Steps of the generalized alpha method, see :class:`.GeneralizedAlpha`.
+
+    Attributes:
+        balance: Of the energies; None before the first step.
+    """
+
+    cure = "take shorter steps, by more times or by tolerance=, or rho_inf closer to 1"
 
     def __init__(
         self,
@@ -81,7 +87,7 @@ class ImplicitSteps:
         # With a tolerance: the next step, and the largest change of the displacement.
         self._longest, self._moved = math.inf, 0.0
         self._first = problem.u.x.array[: self._owned].copy()
-        self._balance: Balance | None = None
+        self.balance: Balance | None = None
 
     @property
     def krylov(self) -> int:
@@ -121,25 +127,26 @@ class ImplicitSteps:
         """Attempts of steps to a time, halved where one fails, until that fails; collective."""
         problem, options, cuts = self._problem, self._options, 0
         span = t - problem.t
-        if self._balance is None:
-            self._balance = Balance(problem)
+        if self.balance is None:
+            self.balance = Balance(problem)
         while problem.t < t and cuts <= options.max_cuts:
             left = t - problem.t
             # Equal steps rather than a short last one.
             h = min(span / 2**cuts, left / math.ceil(left / min(self._longest, left)))
-            found = self._step(t if problem.t + (1 + ROUNDING) * h >= t else problem.t + h)
+            end = t if problem.t + (1 + ROUNDING) * h >= t else problem.t + h
+            found = self._step(end, cuts < options.max_cuts)
             if found.reason == _INACCURATE:
                 continue
             yield found
             cuts = max(cuts - 1, 0) if found.converged else cuts + 1
 
-    def _step(self, t: float) -> Attempt:
-        """A step of the scheme, or where that makes energy one with the forces of its end;
-        collective."""
-        found = self._attempt(t, self._scheme)
-        return self._attempt(t, AtEnd()) if found.reason == GAINED else found
+    def _step(self, t: float, shortens: bool) -> Attempt:
+        """A step of the scheme, or where that makes energy one with the forces of its end, of which
+        only the shortest may make what is dissipated; collective."""
+        found = self._attempt(t, self._scheme, True)
+        return self._attempt(t, AtEnd(), shortens) if found.reason == GAINED else found
 
-    def _attempt(self, t: float, scheme: Newmark) -> Attempt:
+    def _attempt(self, t: float, scheme: Newmark, strict: bool) -> Attempt:
         """An attempt, committed if it converges and cancelled if not; collective."""
         problem, motion = self._problem, self._motion
         step, owned, held = problem.step, self._owned, problem.loading.owned_prescribed
@@ -196,9 +203,8 @@ class ImplicitSteps:
             carried -= drag1 - motion.damping.rayleigh.alpha * motion.of(v1)
         carried[held] += inertia[held] + viscous[1]
         motion.move(v1, a1, carried)
-        # Of unbalanced forces. There is no scheme that makes less than that of the end.
-        work, strict = self._goal * global_norm(self._comm, change), scheme is self._scheme
-        if not self._balance.holds(0.0, work, strict):
+        work = self._goal * global_norm(self._comm, change)  # of unbalanced forces
+        if not self.balance.holds(0.0, work, strict):
             step.cancel()
             return found.failed(GAINED)
         return found
