@@ -158,8 +158,12 @@ def told(scene: Scene, view: View) -> Told:
     Q = np.eye(scene.d) if view.turn is None else view.turn
     start, rows = velocity.x.array.copy(), []
 
-    def monitor(problem: vmdg.Problem) -> None:
+    def monitor(problem: vmdg.Problem) -> dict[str, float]:
         rows.append((problem.velocity.x.array.copy(), problem.u.x.array.copy()))
+        motion = problem.step.motion
+        a = motion.acceleration.copy()
+        a[problem.loading.owned_prescribed] = 0.0
+        return {"a.M.a": 0.0 if motion.lumped is None else a @ (motion.lumped * a)}
 
     history, stopped = vmdg.History(), ""
     options = vmdg.SolveOptions(energy=True)
@@ -185,18 +189,25 @@ def own_faults(scene: Scene, here: Told) -> list[str]:
     energy = sum(history[name] for name in names)
     put, lost = history["external"] + history["discretization"], history["imbalance"]
     size = np.maximum.accumulate(np.maximum(put, energy))
+    # In central differences E - h^2 a.M.a/8 of linear bodies is constant.
+    step = np.diff(history["time"], prepend=0.0) / history["steps"]
+    allowed = GAINED * size + step**2 * history["a.M.a"] / 8
     if not np.isfinite(energy).all():
         return ["energies are not finite"]
-    if (energy - put > GAINED * size).any():
+    if (energy - put > allowed).any():
         found.append(f"energy exceeds start and work by {((energy - put) / size).max():.1e}")
-    if (lost < -GAINED * size).any():
+    # What bonds take in explicit steps is not exactly what they are given.
+    if (lost < -allowed).any() and not explicit(here):
         found.append(f"imbalance {(lost / size).min():.1e}")
     for name in ("damage", "friction", "viscosity", "plastic"):
         if name in history.columns and (history[name] < -1e-9 * size).any():
             found.append(f"{name} {(history[name] / size).min():.1e}")
-    loud = (np.abs(lost) / np.maximum.accumulate(energy)).max() > SILENT
-    if len(here.warned) != loud:
-        found.append(f"{len(here.warned)} warnings, imbalance over 5 %: {loud}")
+    share = (np.abs(lost) / size).max()
+    # Whether the work counts before the energy does.
+    if len(here.warned) > 1 or (
+        abs(share / SILENT - 1) > 0.2 and bool(here.warned) != (share > SILENT)
+    ):
+        found.append(f"{len(here.warned)} warnings, imbalance {share:.1%}")
     if scene.free:
         found += momentum_faults(scene, here)
     return found
@@ -244,12 +255,19 @@ def views(scene: Scene, rng: Generator) -> dict[str, tuple[View, float]]:
     }
 
 
+def explicit(here: Told) -> bool:
+    """Whether steps are explicit."""
+    return here.problem.step.motion.lumped is not None
+
+
 def differs(here: Told, other: Told, allowed: float) -> str:
     """What differs in a scene that was told otherwise; empty if nothing does."""
     if bool(here.stopped) != bool(other.stopped):
         return f"stopped: {here.stopped or other.stopped}"
     if len(here.failures) != len(other.failures) and allowed == 0:
         return f"{len(other.failures)} failed steps for {len(here.failures)}"
+    if explicit(here) and list(here.history["steps"]) != list(other.history["steps"]) and allowed:
+        return ""  # the critical step is an estimate
     size = max((np.abs(u).max() for u in here.moved), default=0.0)
     for number, (one, two) in enumerate(zip(here.moved, other.moved, strict=False), 1):
         off = np.abs(one - two).max() / size

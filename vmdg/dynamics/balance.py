@@ -29,7 +29,9 @@ class Balance:
     may do, the debt d grows where E - b grows by more than W, and is paid back where it falls, but
     what a scheme dissipates is no credit for later:
 
-        d_1 = max(d_0 + (E - W - b)_1 - (E - W - b)_0, 0) <= ALLOWED max(E) + w.
+        d_1 = max(d_0 + (E - W - b)_1 - (E - W - b)_0, 0) <= ALLOWED max(E) + w + w_r
+
+    with the rounding w_r of energies of bodies as stiff as they are.
 
     A strict balance counts what laws and bodies dissipate as spent. Where pairs of surfaces turn
     that is not the work of their tractions, however short the step, so that it does not end a run.
@@ -37,11 +39,12 @@ class Balance:
     Attributes:
         imbalance: Of the energies in the steps so far [N mm].
         largest: The largest kinetic and stored energy so far [N mm].
+        rounding: w_r [N mm].
     """
 
     def __init__(self, problem: Problem):
         self._step, self._motion = problem.step, moving(problem.step.motion)
-        self._debts, self.imbalance = np.zeros(2), 0.0
+        self._debts, self.imbalance, self.rounding = np.zeros(2), 0.0, 0.0
         self._last, self.largest = self._measured()
 
     def _measured(self) -> tuple[NDArray[np.float64], float]:
@@ -64,7 +67,7 @@ class Balance:
         debts = np.maximum(self._debts + now - self._last - change, 0.0)
         # Not of what was made.
         largest = max(self.largest, here - debts[0])
-        allowed = ALLOWED * largest + work
+        allowed = ALLOWED * largest + work + self.rounding
         if not (debts[: 1 + strict] <= allowed).all():
             return False
         self.imbalance -= float(now[1] - self._last[1])
@@ -90,10 +93,9 @@ class Losses:
         if self._balance not in (None, balance):
             self._earlier += self._balance.imbalance
         self._balance, total = balance, self._earlier + balance.imbalance
-        if self._told or not abs(total) > SILENT * balance.largest:
+        if self._told or not abs(total) > SILENT * balance.largest + balance.rounding:
             return
-        self._told = True
-        share = abs(total) / balance.largest if balance.largest > 0 else np.inf
+        self._told, share = True, abs(total) / (balance.largest or 1.0)
         warn_together(
             self._problem.comm,
             f"solve_dynamics: up to {self._problem.t:.8g} s the steps have "

@@ -49,6 +49,7 @@ class ImplicitSteps:
 
     Attributes:
         balance: Of the energies; None before the first step.
+        taken: Number of steps so far.
     """
 
     cure = "take shorter steps, by more times or by tolerance=, or rho_inf closer to 1"
@@ -88,6 +89,7 @@ class ImplicitSteps:
         self._longest, self._moved = math.inf, 0.0
         self._first = problem.u.x.array[: self._owned].copy()
         self.balance: Balance | None = None
+        self.taken = 0
 
     @property
     def krylov(self) -> int:
@@ -137,6 +139,7 @@ class ImplicitSteps:
             found = self._step(end, cuts < options.max_cuts)
             if found.reason == _INACCURATE:
                 continue
+            self.taken += found.converged
             yield found
             cuts = max(cuts - 1, 0) if found.converged else cuts + 1
 
@@ -204,6 +207,7 @@ class ImplicitSteps:
         carried[held] += inertia[held] + viscous[1]
         motion.move(v1, a1, carried)
         work = self._goal * global_norm(self._comm, change)  # of unbalanced forces
+        self.balance.rounding = float(np.finfo(float).eps) * self._size**2 * self._system.norm
         if not self.balance.holds(0.0, work, strict):
             step.cancel()
             return found.failed(GAINED)

@@ -110,11 +110,10 @@ def solve_dynamics(
         if history is None:
             _set_out(problem, velocity, supports, float(times[0]), steps)
         for number, t in enumerate(times):
-            start, found, count, reasons = problem.t, Attempt(), 0, []
+            start, found, taken, reasons = problem.t, Attempt(), steps.taken, []
             problem.step.set_out()
             run.check()
             for found in steps.advance(float(t)):
-                count += found.converged
                 if not found.converged:
                     reasons.append(found.reason)
                     result.failures.append((problem.t, found.reason))
@@ -127,7 +126,7 @@ def solve_dynamics(
             row, more = common_columns(
                 problem, "time [s]", found, len(result.history) + 1, len(reasons), options.energy
             )
-            row |= {"steps [-]": count} | more
+            row |= {"steps [-]": steps.taken - taken} | more
             run.add(row | watched_row(problem, monitor), found)
             losses.look(steps.balance)
             run.progress.advanced(number + 1, t - start, found, result.history)
