@@ -202,15 +202,22 @@ def own_faults(scene: Scene, here: Told) -> list[str]:
     for name in ("damage", "friction", "viscosity", "plastic"):
         if name in history.columns and (history[name] < -1e-9 * size).any():
             found.append(f"{name} {(history[name] / size).min():.1e}")
-    share = (np.abs(lost) / size).max()
-    # Whether the work counts before the energy does.
-    if len(here.warned) > 1 or (
-        abs(share / SILENT - 1) > 0.2 and bool(here.warned) != (share > SILENT)
-    ):
+    # Of the kinetic and stored energy, that before the first row included.
+    largest = np.maximum.accumulate(np.maximum(energy, started(here)))
+    share = (np.abs(lost) / largest).max()
+    near = abs(share / SILENT - 1) < 0.2  # between the rows
+    if len(here.warned) > 1 or (not near and bool(here.warned) != (share > SILENT)):
         found.append(f"{len(here.warned)} warnings, imbalance {share:.1%}")
     if scene.free:
         found += momentum_faults(scene, here)
     return found
+
+
+def started(here: Told) -> float:
+    """Kinetic energy at the start."""
+    motion = here.problem.step.motion
+    momentum = motion.of(here.velocity) if motion.lumped is None else motion.lumped * here.velocity
+    return float(here.velocity @ momentum) / 2
 
 
 def momentum_faults(scene: Scene, here: Told) -> list[str]:

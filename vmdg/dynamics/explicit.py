@@ -20,6 +20,7 @@ from ..problem.motion import Plan, moving
 from ..problem.problem import Problem
 from ..problem.step import cause
 from ..solver.attempt import Attempt
+from ..solver.limits import ROUNDING
 from ..solver.options import SolveOptions
 from .balance import GAINED, Balance
 from .contact_nodes import ContactNodes
@@ -145,7 +146,7 @@ class ExplicitSteps:
         if not 0 < self._longest / 2**self._most_cuts <= longest:
             return _VANISHES
         start, span = problem.t, t - problem.t
-        steps = max(math.ceil(span / (scheme.safety * longest)), 1)
+        steps = max(math.ceil((1 - ROUNDING) * span / (scheme.safety * longest)), 1)
         some = min(steps, scheme.renewal - done)
         times = start + np.arange(some + 2) / steps * span
         if some == steps:
