@@ -32,16 +32,16 @@ def state(problem):
     return np.concatenate([[problem.t], *found])
 
 
-def fail_in(problem, call, error):
-    plain, count = problem.step.assemble_residual, [0]
+def fail_in(problem, call, error, name="assemble_residual"):
+    plain, count = getattr(problem.step, name), [0]
 
-    def residual(*given, **named):
+    def failing(*given, **named):
         count[0] += 1
         if count[0] == call:
             raise error
         return plain(*given, **named)
 
-    problem.step.assemble_residual = residual
+    setattr(problem.step, name, failing)
 
 
 @pytest.mark.parametrize(
@@ -67,6 +67,20 @@ def test_exceptions_anywhere(comm, scheme):
         assert history["time"] == pytest.approx(TIMES)
         assert history["kinetic"] == pytest.approx(expected["kinetic"], rel=1e-9)
         assert state(problem) == pytest.approx(rows[len(TIMES)], rel=1e-9, abs=1e-9)
+
+
+def test_exception_at_a_row(comm):
+    """While the state of a new row is copied: that row is not there."""
+    rows = {0: state(pulled(comm))}
+    keep = lambda p: rows.update({len(rows): state(p)}) or {}  # noqa: E731
+    vmdg.solve_dynamics(pulled(comm), TIMES[:3], monitor=keep)
+    problem, history = pulled(comm), vmdg.History()
+    fail_in(problem, 5, MemoryError, "snapshot")  # one at the start, then two a row
+    with pytest.raises(MemoryError):
+        vmdg.solve_dynamics(problem, TIMES[:3], history=history)
+    assert np.array_equal(state(problem), rows[len(history)])
+    vmdg.solve_dynamics(problem, TIMES[:3], history=history)
+    assert history["time"] == pytest.approx(TIMES[:3])
 
 
 @EVERY_SCHEME
