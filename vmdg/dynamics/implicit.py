@@ -127,22 +127,22 @@ class ImplicitSteps:
 
     def advance(self, t: float) -> Iterator[Attempt]:
         """Attempts of steps to a time, halved where one fails, until that fails; collective."""
-        problem, options, cuts = self._problem, self._options, 0
-        span = t - problem.t
+        problem, span = self._problem, t - self._problem.t
+        longest, shortest = span, (1 - ROUNDING) * span / 2**self._options.max_cuts
         if self.balance is None:
             self.balance = Balance(problem)
-        while problem.t < t and cuts <= options.max_cuts:
+        while problem.t < t and longest >= shortest:
             left = t - problem.t
             # Equal steps rather than a short last one.
             equal = math.ceil((1 - ROUNDING) * left / min(self._longest, left))
-            h = min(span / 2**cuts, left / equal)
+            h = min(longest, left / equal)
             end = t if problem.t + (1 + ROUNDING) * h >= t else problem.t + h
-            found = self._step(end, cuts < options.max_cuts)
+            found = self._step(end, h / 2 >= shortest)
             if found.reason == _INACCURATE:
                 continue
             self.taken += found.converged
             yield found
-            cuts = max(cuts - 1, 0) if found.converged else cuts + 1
+            longest = min(2 * longest, span) if found.converged else h / 2
 
     def _step(self, t: float, shortens: bool) -> Attempt:
         """A step of the scheme, or where that makes energy one with the forces of its end, of which
