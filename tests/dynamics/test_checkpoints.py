@@ -86,6 +86,7 @@ def test_resumed(comm, out, scheme, law):
         assert problem.velocity.x.array == pytest.approx(whole.velocity.x.array, abs=1e-8)
 
 
+@pytest.mark.filterwarnings("ignore:solve_dynamics. up to")  # long steps
 def test_nothing_left(comm, out):
     """A run that was complete is read, and not continued."""
     times, options = [0.1, 0.2], vmdg.SolveOptions(checkpoint=out / "run")

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from dolfinx import fem
 from support.apart import block
-from support.problems import of_two
+from support.problems import of_two, set_displacement
 
 import vmdg
 from vmdg.meshes import apart, blocks
 
 ENERGY = vmdg.SolveOptions(energy=True)
+LONG_STEPS = pytest.mark.filterwarnings("ignore:solve_dynamics. up to")
 
 
 def thrown(comm, steps, tilt=0.0, rho_inf=0.8, friction=0.0, scheme=None):
@@ -61,6 +64,7 @@ def thrown(comm, steps, tilt=0.0, rho_inf=0.8, friction=0.0, scheme=None):
 CORNER = pytest.mark.xfail(reason="a corner that slides makes 2 % of energy", strict=True)
 
 
+@LONG_STEPS
 @pytest.mark.parametrize(
     ("steps", "tilt", "rho_inf"),
     [
@@ -85,6 +89,15 @@ def test_impact(comm, steps, tilt, rho_inf):
     assert 0 < (1 + up[-1]) * (1 + 6 * d**2) - 1 <= 1
 
 
+@LONG_STEPS
+@pytest.mark.long
+@pytest.mark.parametrize("steps", range(1, 51))
+def test_restitution(comm, steps):
+    """A flat block leaves, more slowly than it came, whatever the number of steps."""
+    assert 0 < thrown(comm, steps)[1][-1] < 1
+
+
+@LONG_STEPS
 def test_stiff_wave(comm):
     """The fastest mode of a bar, 25 times as fast as the step resolves, gains nothing."""
     scene = blocks(comm, "quadrilateral", divisions=(20, 1), length=2.0, height=0.1)
@@ -94,6 +107,46 @@ def test_stiff_wave(comm):
     start = lambda x: np.array([np.cos(20 * np.pi * x[0]), 0 * x[0]])  # noqa: E731
     history = vmdg.solve_dynamics(problem, np.arange(1.0, 9.0), None, start, options=ENERGY).history
     assert np.all(history["imbalance"] >= -0.01 * history["external"][0])
+
+
+def apart_at(comm, speed, strength, gap):
+    """Two bars with a bond, of unit length, modulus and density, that fly apart."""
+    scene = blocks(comm, "quadrilateral", (6, 1), length=2.0, height=0.1)
+    bond, bodies = vmdg.Debonding(strength, gap), (vmdg.NeoHookean(E=1.0, nu=0.0),) * 2
+    problem = of_two(scene, bond, bodies, kinematics="small", density={1: 1.0, 2: 1.0})
+    velocity = problem.velocity.copy()
+    set_displacement(
+        velocity,
+        scene.cell_tags,
+        lambda x, tag: speed * (tag - 1.5) * np.array([1 + 0 * x[0], 0 * x[0]]),
+    )
+    return problem, velocity
+
+
+@LONG_STEPS
+def test_long_steps_break_no_bond(comm):
+    """A bond needs ten times the energy of the bars, which come farther than it opens in a step:
+    the step is shortened until the bond holds them."""
+    problem, velocity = apart_at(comm, 0.01, strength=0.1, gap=5e-3)
+    history = vmdg.solve_dynamics(problem, [8.0, 16.0], None, velocity, options=ENERGY).history
+    assert np.all(history["damage"] <= 0.01 * history["external"])
+    assert np.all(history["imbalance"] >= -0.01 * history["external"])
+
+
+@pytest.mark.parametrize(("steps", "told"), [(5, 1), (200, 0)])
+def test_losses_are_told(comm, steps, told):
+    """What the steps lose of the energy in motion is told once, with the cure."""
+    problem, velocity = apart_at(comm, 0.01, strength=1.0, gap=0.1)
+    times = np.linspace(0.0, 10.0, steps + 1)[1:]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        history = vmdg.solve_dynamics(problem, times, None, velocity, options=ENERGY).history
+    lost = history["imbalance"][-1] / history["external"][0]
+    assert (lost > 0.05) == told
+    assert len(caught) == told * (comm.rank == 0)
+    for warning in caught:
+        assert "of the energy in motion" in str(warning.message)
+        assert "take shorter steps" in str(warning.message)
 
 
 def test_crushed_bar(comm):

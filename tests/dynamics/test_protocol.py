@@ -32,16 +32,16 @@ def state(problem):
     return np.concatenate([[problem.t], *found])
 
 
-def fail_in(problem, call, error):
-    plain, count = problem.step.assemble_residual, [0]
+def fail_in(problem, call, error, name="assemble_residual"):
+    plain, count = getattr(problem.step, name), [0]
 
-    def residual(*given, **named):
+    def failing(*given, **named):
         count[0] += 1
         if count[0] == call:
             raise error
         return plain(*given, **named)
 
-    problem.step.assemble_residual = residual
+    setattr(problem.step, name, failing)
 
 
 @pytest.mark.parametrize(
@@ -69,6 +69,20 @@ def test_exceptions_anywhere(comm, scheme):
         assert state(problem) == pytest.approx(rows[len(TIMES)], rel=1e-9, abs=1e-9)
 
 
+def test_exception_at_a_row(comm):
+    """While the state of a new row is copied: that row is not there."""
+    rows = {0: state(pulled(comm))}
+    keep = lambda p: rows.update({len(rows): state(p)}) or {}  # noqa: E731
+    vmdg.solve_dynamics(pulled(comm), TIMES[:3], monitor=keep)
+    problem, history = pulled(comm), vmdg.History()
+    fail_in(problem, 5, MemoryError, "snapshot")  # one at the start, then two a row
+    with pytest.raises(MemoryError):
+        vmdg.solve_dynamics(problem, TIMES[:3], history=history)
+    assert np.array_equal(state(problem), rows[len(history)])
+    vmdg.solve_dynamics(problem, TIMES[:3], history=history)
+    assert history["time"] == pytest.approx(TIMES[:3])
+
+
 @EVERY_SCHEME
 def test_extended(comm, scheme):
     """A run that is extended is one run, whose supports know their acceleration at its end."""
@@ -83,6 +97,7 @@ def test_extended(comm, scheme):
         assert one == pytest.approx(other, rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:solve_dynamics. up to")  # long steps
 def test_explicit_run_that_fails(comm):
     """A load that throws the body away: the state is that of the last row."""
     problem, far = pulled(comm, "finite"), lambda x: np.isclose(x[1], 1.0)

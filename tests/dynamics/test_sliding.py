@@ -168,6 +168,29 @@ def test_breaks_loose_and_slides(comm, scheme):
     assert np.abs(history["imbalance"]).max() < 0.01 * history["kinetic"][0]
 
 
+def test_critical_step_of_tilted_blocks(comm):
+    """A block in flight, a corner of it ahead of the floor, takes the steps of its own critical
+    step in any direction of the axes, although K of pairs that move is not symmetric."""
+    taken = []
+    for turn in (0.0, 0.8, 2.5):
+        parts = [
+            block("quadrilateral", (3, 1), [-1.5, -0.5], [1.5, 0.0], 1, comm),
+            block("quadrilateral", (3, 3), [-0.5, 0.0], [0.5, 0.6], 2, comm),
+        ]
+        for (mesh, *_), angle in zip(parts, (turn, turn + 0.9), strict=True):
+            x, c, s = mesh.geometry.x, np.cos(angle), np.sin(angle)
+            x[:, :2] = x[:, :2] @ [[c, s], [-s, c]]
+            if angle != turn:
+                x[:, :2] += 0.5 * np.array([-np.sin(turn), np.cos(turn)])
+        scene, body = apart(parts), vmdg.NeoHookean(E=1.0, nu=0.3)
+        pairs = {"sliding": True, "gap": "keep"}
+        problem = of_two(scene, vmdg.Contact(), (body,) * 2, pairs, density={1: 1.0, 2: 1.0})
+        scheme, start = vmdg.CentralDifferences(), lambda x: np.zeros((2, x.shape[1]))
+        taken += list(vmdg.solve_dynamics(problem, [10.0], scheme, start).history["steps"])
+    assert len(set(taken)) == 1
+    assert 20 < taken[0] < 100
+
+
 @SEVERAL_RANKS
 @EVERY_SCHEME
 def test_ranks(comm, scheme):

@@ -64,6 +64,19 @@ def test_block_on_a_wall(comm, cell, kinematics, stiff):
     assert np.abs(moved[given]).max(initial=0.0) <= PRESSED / stiff
 
 
+def test_wall_without_units(comm):
+    """Bodies far softer than 1 MPa on a wall: the same digits in other units of stress."""
+    moved = []
+    for S in (1e-6, 32e-6):
+        scene = two_blocks(comm, "quadrilateral", 2)
+        bodies = (vmdg.NeoHookean(E=S, nu=0.3), vmdg.Rigid())
+        problem = of_two(scene, vmdg.Contact(friction=0.3), bodies)
+        problem.dirichlet(scene.facet_tags.find(LEFT), lambda t: (0.02 * t, 0.01 * t))
+        vmdg.solve(problem, [1.0])
+        moved.append(problem.u.x.array.copy())
+    assert np.array_equal(*moved)
+
+
 def test_too_stiff(comm):
     """Forces that drown in the rounding of a wall of 1e9 times the modulus are told, on rank 0."""
     problem, *_ = block_on_a_wall(comm, "quadrilateral", "finite", 1e9)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.parallel import warn_together
 from ..problem.motion import moving
 from ..problem.problem import Problem
 
@@ -15,6 +16,9 @@ ALLOWED = 1e-2
 
 #: Reason of a step that makes more.
 GAINED = "ENERGY_GAINED"
+
+#: Imbalance that a run may have without a word, relative to the same.
+SILENT = 5e-2
 
 
 class Balance:
@@ -25,16 +29,23 @@ class Balance:
     may do, the debt d grows where E - b grows by more than W, and is paid back where it falls, but
     what a scheme dissipates is no credit for later:
 
-        d_1 = max(d_0 + (E - W - b)_1 - (E - W - b)_0, 0) <= ALLOWED max(E) + w.
+        d_1 = max(d_0 + (E - W - b)_1 - (E - W - b)_0, 0) <= ALLOWED max(E) + w + w_r
+
+    with the rounding w_r of energies of bodies as stiff as they are.
 
     A strict balance counts what laws and bodies dissipate as spent. Where pairs of surfaces turn
     that is not the work of their tractions, however short the step, so that it does not end a run.
+
+    Attributes:
+        imbalance: Of the energies in the steps so far [N mm].
+        largest: The largest kinetic and stored energy so far [N mm].
+        rounding: w_r [N mm].
     """
 
     def __init__(self, problem: Problem):
         self._step, self._motion = problem.step, moving(problem.step.motion)
-        self._debts = np.zeros(2)
-        self._last, self._largest = self._measured()
+        self._debts, self.imbalance, self.rounding = np.zeros(2), 0.0, 0.0
+        self._last, self.largest = self._measured()
 
     def _measured(self) -> tuple[NDArray[np.float64], float]:
         """E - W without and with what is dissipated, and E; collective [N mm]."""
@@ -55,9 +66,39 @@ class Balance:
         now, here = self._measured()
         debts = np.maximum(self._debts + now - self._last - change, 0.0)
         # Not of what was made.
-        largest = max(self._largest, here - debts[0])
-        allowed = ALLOWED * largest + work
+        largest = max(self.largest, here - debts[0])
+        allowed = ALLOWED * largest + work + self.rounding
         if not (debts[: 1 + strict] <= allowed).all():
             return False
-        self._debts, self._last, self._largest = np.minimum(debts, allowed), now, largest
+        self.imbalance -= float(now[1] - self._last[1])
+        self._debts, self._last, self.largest = np.minimum(debts, allowed), now, largest
         return True
+
+
+class Losses:
+    """Warns of a run in time whose steps lose or make much energy, once.
+
+    Args:
+        cure: What makes the imbalance smaller.
+    """
+
+    def __init__(self, problem: Problem, cure: str):
+        self._problem, self._cure, self._told = problem, cure, False
+        self._balance: Balance | None = None
+        self._earlier = 0.0
+
+    def look(self, balance: Balance) -> None:
+        """At the energies of a row, those of the steps since the last checkpoint among them;
+        collective."""
+        if self._balance not in (None, balance):
+            self._earlier += self._balance.imbalance
+        self._balance, total = balance, self._earlier + balance.imbalance
+        if self._told or not abs(total) > SILENT * balance.largest + balance.rounding:
+            return
+        self._told, share = True, abs(total) / (balance.largest or 1.0)
+        warn_together(
+            self._problem.comm,
+            f"solve_dynamics: up to {self._problem.t:.8g} s the steps have "
+            f"{'lost' if total > 0 else 'made'} {share:.1%} of the energy in motion, the imbalance "
+            f"of energies: {self._cure}",
+        )

@@ -20,6 +20,7 @@ from ..problem.motion import Plan, moving
 from ..problem.problem import Problem
 from ..problem.step import cause
 from ..solver.attempt import Attempt
+from ..solver.limits import ROUNDING
 from ..solver.options import SolveOptions
 from .balance import GAINED, Balance
 from .contact_nodes import ContactNodes
@@ -42,11 +43,16 @@ class ExplicitSteps:
     Args:
         continues: Whether to continue between two renewals of an earlier run.
 
+    Attributes:
+        balance: Of the energies; None before the first step.
+        taken: Number of steps so far.
+
     Raises:
         ValueError: lumped masses are not positive, or a mean is not prescribed.
     """
 
     krylov = 0
+    cure = "take shorter steps, by a smaller safety="
 
     def __init__(
         self,
@@ -59,6 +65,7 @@ class ExplicitSteps:
         self._problem, self._scheme, self._supports = problem, scheme, supports
         self._motion, self._comm = moving(problem.step.motion), problem.comm
         self._owned = problem.discretization.owned
+        self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         sums, held = self._motion.row_sums, problem.loading.owned_prescribed
         means = problem.discretization.means
         free = means is not None and len(np.setdiff1d(means.owned_rows, held)) > 0
@@ -69,7 +76,7 @@ class ExplicitSteps:
             )
         largest = global_max(self._comm, float(sums.max(initial=0.0)))
         # Those of the critical step, which is longer where nodes are massless.
-        self._masses = masses = sums.copy()
+        self._masses, self._largest = (masses := sums.copy()), largest
         masses[held] = largest
         message = (
             "CentralDifferences: the lumped mass of a node is not positive, as at the corners of "
@@ -85,9 +92,9 @@ class ExplicitSteps:
         self._drag: Array | None = None  # at the start of a step
         start = (continues and self._motion.plan) or Plan(0, math.inf, 0.0, 0)
         self._count, self._critical, self._longest, self._cuts = start
-        self._most_cuts, self._h = options.max_cuts, 0.0
+        self._most_cuts, self._h, self.taken = options.max_cuts, 0.0, 0
         # Energies, and a.M.a, of the last state that was looked at.
-        self._balance: Balance | None = None
+        self.balance: Balance | None = None
         self._accelerations = 0.0
         parts = problem.discretization
         # The tangent of bonded interfaces at small strain.
@@ -104,12 +111,13 @@ class ExplicitSteps:
         """Steps to a time; an attempt that fails returns to the last state that was looked at, and
         the next one has steps half as long, with a new critical step; collective."""
         problem = self._problem
-        good = problem.step.snapshot()
-        if self._balance is None:
-            self._balance, self._accelerations = Balance(problem), self._squares()
+        good, taken = problem.step.snapshot(), self.taken
+        if self.balance is None:
+            self.balance, self._accelerations = Balance(problem), self._squares()
         while problem.t < t:
             if reason := self._some_steps(t) or self._wrong():
                 problem.step.return_to(good)
+                self.taken = taken
                 self._drag, self._cuts, self._critical = None, self._cuts + 1, math.inf
                 yield Attempt(False, reason=reason)
                 if reason == _VANISHES:
@@ -118,7 +126,7 @@ class ExplicitSteps:
             if self._cuts:
                 self._cuts, self._critical = self._cuts - 1, math.inf
             if problem.t < t:
-                good = problem.step.snapshot()
+                good, taken = problem.step.snapshot(), self.taken
         yield Attempt(True, [0.0])
 
     def _some_steps(self, t: float) -> str:
@@ -135,10 +143,10 @@ class ExplicitSteps:
             self._longest = max(self._longest, self._critical)
         # So that the number of steps is bounded.
         longest = self._critical / 2**self._cuts
-        if not longest >= self._longest / 2**self._most_cuts:
+        if not 0 < self._longest / 2**self._most_cuts <= longest:
             return _VANISHES
         start, span = problem.t, t - problem.t
-        steps = max(math.ceil(span / (scheme.safety * longest)), 1)
+        steps = max(math.ceil((1 - ROUNDING) * span / (scheme.safety * longest)), 1)
         some = min(steps, scheme.renewal - done)
         times = start + np.arange(some + 2) / steps * span
         if some == steps:
@@ -160,7 +168,9 @@ class ExplicitSteps:
         if reason := problem.step.invalid():
             return reason
         before, self._accelerations = self._accelerations, self._squares()
-        if self._balance.holds(self._h**2 / 8 * (self._accelerations - before)):
+        stiffness = 4 * self._largest / self._longest**2
+        self.balance.rounding = float(np.finfo(float).eps) * self._size**2 * stiffness
+        if self.balance.holds(self._h**2 / 8 * (self._accelerations - before)):
             return ""
         self._accelerations = before
         return GAINED
@@ -175,7 +185,8 @@ class ExplicitSteps:
         """2/omega of the bonded interfaces, by Lanczos's method; collective [s].
 
         Conjugate gradients for K.x = b with the masses as preconditioner find the largest
-        eigenvalue of M^-1.K on their way.
+        eigenvalue of M^-1.K on their way. Where pairs move K is not symmetric; the largest
+        eigenvalue of its symmetric part is no less than the real part of any of its own.
         """
         problem, held = self._problem, self._problem.loading.owned_prescribed
         interfaces = problem.discretization.active.values()
@@ -187,13 +198,17 @@ class ExplicitSteps:
         problem.discretization.assemble_tangent(matrix, damage=False)
         for active, stabilization in zip(interfaces, known, strict=True):
             active.stabilization = stabilization
+        if problem.discretization.slides:
+            transposed = matrix.transpose(PETSc.Mat())
+            matrix.axpy(1.0, transposed, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            matrix.scale(0.5)
+            transposed.destroy()
         matrix.zeroRowsColumnsLocal(held, 0.0)
         x, b = matrix.createVecs()
         # The highest modes alternate from node to node, as does a function of their positions that
         # varies much faster, whichever rank numbers them.
         places, d = problem.space.tabulate_dof_coordinates(), problem.mesh.geometry.dim
-        size = float(np.linalg.norm(box_sides(problem.mesh)))
-        waves = np.sin(FAST * places[:, :d] / size + np.arange(1, 4)[:d])
+        waves = np.sin(FAST * places[:, :d] / self._size + np.arange(1, 4)[:d])
         x.array[:] = waves.ravel()[: self._owned]
         matrix.mult(x, b)
         ksp = PETSc.KSP().create(self._comm)
@@ -248,7 +263,7 @@ class ExplicitSteps:
         if self._motion.damping.dashpots:
             carried -= self._viscous.of_dashpots(v)
         carried[held] += mass * a1[held] + viscous[1]
-        self._count, self._h = self._count + 1, h
+        self._count, self._h, self.taken = self._count + 1, h, self.taken + 1
         plan = Plan(self._count, self._critical, self._longest, self._cuts)
         motion.move(v, a1, carried, plan)
         return True

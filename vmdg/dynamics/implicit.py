@@ -45,7 +45,14 @@ _AIM = 0.9
 
 
 class ImplicitSteps:
-    """Steps of the generalized alpha method, see :class:`.GeneralizedAlpha`."""
+    """Steps of the generalized alpha method, see :class:`.GeneralizedAlpha`.
+
+    Attributes:
+        balance: Of the energies; None before the first step.
+        taken: Number of steps so far.
+    """
+
+    cure = "take shorter steps, by more times or by tolerance=, or rho_inf closer to 1"
 
     def __init__(
         self,
@@ -81,7 +88,8 @@ class ImplicitSteps:
         # With a tolerance: the next step, and the largest change of the displacement.
         self._longest, self._moved = math.inf, 0.0
         self._first = problem.u.x.array[: self._owned].copy()
-        self._balance: Balance | None = None
+        self.balance: Balance | None = None
+        self.taken = 0
 
     @property
     def krylov(self) -> int:
@@ -119,27 +127,30 @@ class ImplicitSteps:
 
     def advance(self, t: float) -> Iterator[Attempt]:
         """Attempts of steps to a time, halved where one fails, until that fails; collective."""
-        problem, options, cuts = self._problem, self._options, 0
-        span = t - problem.t
-        if self._balance is None:
-            self._balance = Balance(problem)
-        while problem.t < t and cuts <= options.max_cuts:
+        problem, span = self._problem, t - self._problem.t
+        longest, shortest = span, (1 - ROUNDING) * span / 2**self._options.max_cuts
+        if self.balance is None:
+            self.balance = Balance(problem)
+        while problem.t < t and longest >= shortest:
             left = t - problem.t
             # Equal steps rather than a short last one.
-            h = min(span / 2**cuts, left / math.ceil(left / min(self._longest, left)))
-            found = self._step(t if problem.t + (1 + ROUNDING) * h >= t else problem.t + h)
+            equal = math.ceil((1 - ROUNDING) * left / min(self._longest, left))
+            h = min(longest, left / equal)
+            end = t if problem.t + (1 + ROUNDING) * h >= t else problem.t + h
+            found = self._step(end, h / 2 >= shortest)
             if found.reason == _INACCURATE:
                 continue
+            self.taken += found.converged
             yield found
-            cuts = max(cuts - 1, 0) if found.converged else cuts + 1
+            longest = min(2 * longest, span) if found.converged else h / 2
 
-    def _step(self, t: float) -> Attempt:
-        """A step of the scheme, or where that makes energy one with the forces of its end;
-        collective."""
-        found = self._attempt(t, self._scheme)
-        return self._attempt(t, AtEnd()) if found.reason == GAINED else found
+    def _step(self, t: float, shortens: bool) -> Attempt:
+        """A step of the scheme, or where that makes energy one with the forces of its end, of which
+        only the shortest may make what is dissipated; collective."""
+        found = self._attempt(t, self._scheme, True)
+        return self._attempt(t, AtEnd(), shortens) if found.reason == GAINED else found
 
-    def _attempt(self, t: float, scheme: Newmark) -> Attempt:
+    def _attempt(self, t: float, scheme: Newmark, strict: bool) -> Attempt:
         """An attempt, committed if it converges and cancelled if not; collective."""
         problem, motion = self._problem, self._motion
         step, owned, held = problem.step, self._owned, problem.loading.owned_prescribed
@@ -196,9 +207,9 @@ class ImplicitSteps:
             carried -= drag1 - motion.damping.rayleigh.alpha * motion.of(v1)
         carried[held] += inertia[held] + viscous[1]
         motion.move(v1, a1, carried)
-        # Of unbalanced forces. There is no scheme that makes less than that of the end.
-        work, strict = self._goal * global_norm(self._comm, change), scheme is self._scheme
-        if not self._balance.holds(0.0, work, strict):
+        work = self._goal * global_norm(self._comm, change)  # of unbalanced forces
+        self.balance.rounding = float(np.finfo(float).eps) * self._size**2 * self._system.norm
+        if not self.balance.holds(0.0, work, strict):
             step.cancel()
             return found.failed(GAINED)
         return found
@@ -215,7 +226,10 @@ class ImplicitSteps:
         sums = global_sum(self._comm, [mass @ change**2, mass @ moved**2])
         error, here = np.sqrt(sums)
         self._moved = max(self._moved, float(here))
-        ratio = abs(self._scheme.beta - 1 / 6) * h**2 * error / (tolerance * self._moved or 1.0)
+        # Below the forces that may be left unbalanced at both ends it is rounding.
+        told = global_norm(self._comm, self._motion.of(change)) > 2 * self._goal
+        error *= abs(self._scheme.beta - 1 / 6) * h**2 * told
+        ratio = error / (tolerance * self._moved) if self._moved > 0 else 0.0
         # Of third order.
         self._longest = h * min(max(_AIM * ratio ** (-1 / 3) if ratio else np.inf, 0.2), 2.0)
         return bool(ratio <= 1)

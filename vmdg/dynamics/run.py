@@ -26,6 +26,7 @@ from ..solver.options import SolveOptions
 from ..solver.reasons import explained
 from ..solver.result import Result, StepFailure
 from ..solver.run import agreed, common_columns, run_of
+from .balance import Losses
 from .explicit import ExplicitSteps
 from .implicit import ImplicitSteps
 from .schemes import CentralDifferences, GeneralizedAlpha
@@ -81,7 +82,8 @@ def solve_dynamics(
 
     Returns:
         History with time, iterations, residual, number of steps, energies if requested, and values
-        of the monitor. The imbalance of energies is what the scheme has damped or added.
+        of the monitor. The imbalance of energies is what the scheme has damped or added; above 5 %
+        of the largest kinetic and stored energy a warning says so, once.
 
     Raises:
         StepFailure: a step fails after ``max_cuts`` halvings.
@@ -104,15 +106,14 @@ def solve_dynamics(
     with run_of(problem, options, result, len(times), history is not None) as run:
         supports = SupportMotion(problem.comm, problem.loading, problem.t, float(times[-1]))
         steps = _steps(problem, scheme, options, supports, history is not None)
-        run.krylov = lambda: steps.krylov
+        run.krylov, losses = lambda: steps.krylov, Losses(problem, steps.cure)
         if history is None:
             _set_out(problem, velocity, supports, float(times[0]), steps)
         for number, t in enumerate(times):
-            start, found, count, reasons = problem.t, Attempt(), 0, []
+            start, found, taken, reasons = problem.t, Attempt(), steps.taken, []
             problem.step.set_out()
             run.check()
             for found in steps.advance(float(t)):
-                count += found.converged
                 if not found.converged:
                     reasons.append(found.reason)
                     result.failures.append((problem.t, found.reason))
@@ -125,8 +126,9 @@ def solve_dynamics(
             row, more = common_columns(
                 problem, "time [s]", found, len(result.history) + 1, len(reasons), options.energy
             )
-            row |= {"steps [-]": count} | more
+            row |= {"steps [-]": steps.taken - taken} | more
             run.add(row | watched_row(problem, monitor), found)
+            losses.look(steps.balance)
             run.progress.advanced(number + 1, t - start, found, result.history)
             if run.save(at_end=number == len(times) - 1):
                 # A run that is resumed from here has no factors or tangents of earlier steps.

@@ -40,7 +40,8 @@ class System:
     """K.du = forces with the tangent at the state of the last residual.
 
     Attributes:
-        norm: Infinity norm of the first tangent, prescribed rows included [N/mm].
+        norm: Infinity norm of the first tangent with prescribed rows, but without walls, whose
+            moduli have no unit [N/mm].
         drag: Added to the diagonal of K, relative to the norm.
         lags: Whether the last K is reused once, with all right-hand sides but the first.
         multiplier: What the second solution is multiplied with, over the norm of the first forces;
@@ -189,13 +190,28 @@ class System:
         self._discretization.assemble_tangent(self._matrix)
         for matrix, factor in self.inertia:
             self._matrix.axpy(factor, matrix, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        self.norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
+        self.norm = self.norm or self._size()
         if self.drag:
             self._matrix.shift(self.drag * self.norm)
         if self._tangent is None:
             self._tangent = self._matrix.duplicate(copy=True)
         else:
             self._matrix.copy(self._tangent, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+
+    def _size(self) -> float:
+        """Infinity norm of the matrix without walls; collective [N/mm]."""
+        parts = self._discretization
+        cells = [parts.bodies.cells_of[tag] for tag in parts.bodies.walls]
+        if not cells:
+            return self._matrix.norm(PETSc.NormType.NORM_INFINITY)
+        d = parts.space.dofmap.index_map_bs
+        nodes = np.unique(parts.space.dofmap.list[np.concatenate(cells)])
+        dofs = (d * nodes[:, None] + np.arange(d)).ravel()
+        matrix = self._matrix.duplicate(copy=True)
+        matrix.zeroRowsColumnsLocal(dofs[dofs < parts.owned].astype(np.int32), 0.0)
+        norm = matrix.norm(PETSc.NormType.NORM_INFINITY)
+        matrix.destroy()
+        return norm
 
     def _coarsen(self) -> None:
         """Coarsen every body separately, as if the interfaces that can fail had failed; collective.
@@ -216,8 +232,7 @@ class System:
         rounding of MUMPS's square roots do not depend on the unit; multigrid suffers from rows of
         very different size.
         """
-        norm = self.norm or self._matrix.norm(PETSc.NormType.NORM_INFINITY)
-        self._unit = float(power_of_two(norm))
+        self._unit = float(power_of_two(self.norm or self._size()))
         self._matrix.scale(1 / self._unit)
         self._matrix.zeroRowsColumnsLocal(self._prescribed, 1.0)
 

@@ -17,6 +17,7 @@ from ..output.axial import AxialMotion
 from ..output.cell import PeriodicCell
 from ..output.history import History, HistoryFile
 from ..problem.problem import Problem
+from ..problem.states import RunScales, Snapshot
 from .attempt import Attempt
 from .monitors import check_functions, energy_columns, sliding_column
 from .options import SolveOptions, silent
@@ -97,9 +98,10 @@ class Run:
 
     def add(self, row: Mapping[str, Any], found: Attempt) -> None:
         """Add a row for the current state, to which exceptions return from now on; collective."""
+        here = self._rows.here()
         self._result.history.append(row)
         self._result.residuals.append(found.norms)
-        self._rows.hold()
+        self._rows.hold(here)
         self._file.update()
 
     def back(self) -> None:
@@ -159,16 +161,20 @@ class _Rows:
 
     def __init__(self, problem: Problem):
         self._comm, self._step = problem.comm, problem.step
-        self.hold()
+        self.hold(self.here())
 
-    def hold(self) -> None:
-        """Mark the current state as that of a row."""
-        self._state, self._scales = self._step.snapshot(), self._step.scales
+    def here(self) -> tuple[Snapshot, RunScales]:
+        """The current state."""
+        return self._step.snapshot(), self._step.scales
+
+    def hold(self, state: tuple[Snapshot, RunScales]) -> None:
+        """Mark a state as that of the last row."""
+        self._state = state
 
     def back(self) -> None:
         """Return to that state."""
-        self._step.return_to(self._state)
-        self._step.scales = self._scales
+        state, self._step.scales = self._state
+        self._step.return_to(state)
 
     def __enter__(self) -> _Rows:
         return self
