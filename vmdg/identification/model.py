@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from itertools import product
 from numbers import Real
 from pathlib import Path
 from reprlib import repr as short
@@ -53,8 +54,8 @@ TOLERANCE = 1e-4
 #: which nothing fails, or all, from where no step leads back.
 FIRST = 0.3
 
-#: Factors on a parameter that changes nothing.
-LEAPS = (0.1, 0.3, 0.7, 1.5, 3.0, 10.0)
+#: Factors on a parameter that changes nothing; the second ones where none of the first helps.
+LEAPS = (0.1, 0.3, 3.0, 10.0), (0.7, 1.5)
 
 #: Probability with which noise alone stays below a limit.
 LEVEL = 0.999
@@ -256,13 +257,15 @@ class Model:
         r = self.residuals(values)
         if self.known and r @ r <= chi2.ppf(LEVEL, max(self.freedom, 1)):
             return values
-        best, least = values, (1 - TOLERANCE) * r @ r
-        for place in np.flatnonzero(self.still(values)):
-            for factor in LEAPS:
+        best, least, still = values, (1 - TOLERANCE) * r @ r, np.flatnonzero(self.still(values))
+        for factors in LEAPS:
+            for place, factor in product(still, factors):
                 other = values.copy()
                 other[place] = np.clip(factor * other[place], *(one[place] for one in self.bounds))
                 if len(self.runs) < max_runs and (r := self.residuals(other)) @ r < least:
                     best, least = other, r @ r
+            if best is not values:
+                break
         return best
 
     def still(self, values: Array) -> NDArray[np.bool_]:
