@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg.meshes import beams
@@ -117,6 +118,54 @@ def test_motion_of_the_camera():
     still = vmdg.Field(POINTS, LOADS, field.u, sigma=NOISE, camera=False)
     assert still.nuisances == 0
     assert still.without_nuisances(weighted) == pytest.approx(weighted)
+
+
+def test_space(comm):
+    """Moduli of two blocks in space from images of a camera that turns about all axes, to rounding,
+    and with the covariance of a fit whose motions are parameters like all others."""
+    true, nodes = {"1.E": 1000.0, "2.E": 400.0}, [0.2, 0.7]
+    points = np.array(np.meshgrid([0.3, 0.8, 1.2, 1.7], nodes, nodes)).reshape(3, -1).T
+    loads, random = np.array([0.5, 1.0]), np.random.default_rng(1)
+
+    def make(values):
+        scene = two_blocks(comm, "hexahedron")
+        bodies = {tag: vmdg.NeoHookean(E=values[f"{tag}.E"], nu=0.0) for tag in (1, 2)}
+        tie = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
+        problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [tie], kinematics="small")
+        left, right = (scene.facet_tags.find(tag) for tag in (1, 2))
+        problem.dirichlet(left, 0.0)
+        problem.dirichlet(right, lambda t: np.array([0.01 * t, 0.0, 0.0]))
+        return problem, lambda problem: {"force [N]": problem.reaction(right)[0]}
+
+    # Bars in series without contraction.
+    stress = 0.01 / (1 / 1000.0 + 1 / 400.0)
+    x = points[:, 0]
+    along = stress * np.where(x < 1, x / 1000.0, 1 / 1000.0 + (x - 1) / 400.0)
+    u = loads[:, None, None] * along[:, None] * [1.0, 0.0, 0.0]
+    spins = 1e-4 * random.standard_normal((len(loads), 1, 3))
+    moved = u + 0.1 * random.standard_normal((len(loads), 1, 3)) + np.cross(spins, points + u)
+    sigma = 1e-5 * random.uniform(1.0, 2.0, u.shape)
+    field = vmdg.Field(points, loads, moved, sigma=sigma)
+    curve = vmdg.Curve(loads, loads * stress, sigma=0.01)
+    found = vmdg.identify(make, [curve, field], {"1.E": 900.0, "2.E": 500.0}, comm=comm)
+    assert found.estimate == pytest.approx(true, rel=1e-5)
+    assert field.nuisances == 12
+    # du/dlog E of both bars, by the closed form, and the motions as columns.
+    share = np.array([1 / 1000.0, 1 / 400.0]) * stress / 0.01
+    inside = np.minimum(x, 1.0), np.maximum(x - 1.0, 0.0)
+    rates = [share[k] * along - inside[k] * stress / true[f"{k + 1}.E"] for k in (0, 1)]
+    columns = [loads[:, None, None] * rate[:, None] * [1.0, 0.0, 0.0] for rate in rates]
+    for image, seen in enumerate(points + moved):
+        for axis in np.eye(3):
+            for motion in (np.broadcast_to(axis, u[0].shape), np.cross(axis, seen)):
+                columns.append(np.zeros_like(u))
+                columns[-1][image] = motion
+    J = np.column_stack([(column / sigma).ravel() for column in columns])
+    forces = np.zeros((len(loads), len(columns)))
+    forces[:, :2] = loads[:, None] * stress * share / 0.01
+    J = np.vstack([J, forces])
+    covariance = np.linalg.inv(J.T @ J)[:2, :2]
+    assert found.covariance == pytest.approx(covariance, rel=1e-3)
 
 
 @pytest.mark.parametrize(

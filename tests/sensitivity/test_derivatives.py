@@ -357,6 +357,26 @@ def test_jump():
     assert np.abs(rate[np.flatnonzero(jump)[0] + 1 :]).max() < 1e-9
 
 
+def test_a_body_that_floats(comm):
+    """Nothing holds the right block along the interface once the bond is gone: forces that are
+    rounding do not move it."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    bond = vmdg.Interface(between=(1, 2), law=vmdg.Debonding(10.0, 0.02), name="bond")
+    bodies = dict.fromkeys((1, 2), vmdg.NeoHookean(E=1000.0, nu=0.3))
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [bond], kinematics="small")
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: 0.06 * t, "x")
+
+    def watch(problem: vmdg.Problem) -> dict[str, float]:
+        across = np.abs(problem.u.x.array[1::2]).max()
+        return {"across [mm]": comm.allreduce(float(across), MPI.MAX)}
+
+    history = vmdg.solve(problem, LOADS, monitor=watch, derivatives=["1.E", "2.E"]).history
+    assert problem.debonded() == 1
+    for name in ("1.E", "2.E"):
+        assert np.abs(1000.0 * history[f"d across/d {name}"]).max() < 0.1
+
+
 def test_runs_without_are_the_same(comm):
     """Derivatives change nothing in a run: not a digit of a column."""
     plain = solved(partial(blocks_of, comm, n=2), BASE)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm, t
 
-from .model import TOLERANCE, Fit, Measured, Model
+from .model import LEVEL, TOLERANCE, Fit, Measured, Model
 from .result import Identified
 
 Array = NDArray[np.float64]
@@ -14,10 +14,7 @@ Array = NDArray[np.float64]
 #: Relative standard error above which a parameter counts as not determined.
 VAGUE = 0.5
 
-#: Probability with which noise alone stays below a limit.
-LEVEL = 0.999
-
-#: The same where the noise itself is estimated from the residuals.
+#: Probability with which independent noise stays below a limit on its shape.
 LEVEL_OF_SHAPE = 0.99
 
 #: Residuals beyond the parameters without which their scatter says too little to name an outlier.
@@ -27,27 +24,29 @@ FEW = 3
 UNLIKE = 100.0
 
 
-def doubts(found: Identified, solution: Fit, model: Model) -> list[str]:
-    """Messages about a result: what the data do not determine, and what the model does not fit."""
-    said = _unlike(model)
-    misfit = _misfit(found, model) if found.sigma_known else _shape(found, model)
-    flat = not found.converged and solution.status > 0
-    if flat:
+def doubts(found: Identified, solution: Fit, model: Model) -> tuple[list[str], bool]:
+    """Messages about a result: what the data do not determine, and what the model does not fit; and
+    whether the fit is stuck where parameters change nothing."""
+    said, still = _unlike(model), model.still(solution.values)
+    misfit = (_misfit(found, model) if found.sigma_known else []) or _shape(found, model)
+    stuck = bool(still.any() and (misfit or (still.all() and not found.sigma_known)))
+    if stuck:
+        values = {name: found.estimate[name] for name in np.array(model.names)[still]}
         said.append(
-            "the runs do not change with any parameter, so that the fit cannot leave "
-            f"{_named(found.estimate)}. Either a bond is broken before the first measured point, "
-            "or nothing fails in the runs, or abscissae and model are in different units: begin "
+            f"the runs do not change with {_named(values)}, which the fit cannot leave. Either a "
+            "bond is broken before the first measured point, or nothing fails in the runs, or all "
+            "of it breaks between two points, or abscissae and model are in different units: begin "
             "where the curve of the run resembles the measured one, with a lower strength and a "
             "larger gap or energy"
         )
     else:
+        said += misfit
         said += [
             f"the data do not determine {name}: its standard error is {100 * error:.3g} % of "
             "its value. Measure where it matters, add another experiment, or give a prior"
             for name, error in found.relative_errors.items()
             if error > VAGUE
         ]
-        said += misfit
     if solution.bounded.any():
         names = [name for name, hit in zip(model.names, solution.bounded, strict=True) if hit]
         said.append(f"{', '.join(names)} ended at a bound, where errors are not valid")
@@ -56,12 +55,12 @@ def doubts(found: Identified, solution: Fit, model: Model) -> list[str]:
             f"the fit was ended by max_runs = {len(model.runs)} before it converged: begin again "
             "at found.estimate, with more runs"
         )
-    elif model.runs[-1].refused and not flat:
+    elif model.runs[-1].refused and not stuck:
         said.append(
             "the fit ended next to values of the parameters that have no run, and its minimum may "
             f"be among them: {model.runs[-1].refused:.200}"
         )
-    return said
+    return said, stuck
 
 
 def _named(values: dict[str, float]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +11,15 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
 
 from ..base.agreement import same_arguments
 from ..base.parallel import warn_together
 from ..base.texts import in_full
 from ..solver.options import SolveOptions, silent
-from .doubts import LEVEL, doubts
+from .doubts import doubts
 from .fields import Field
-from .model import TOLERANCE, Fit, Make, Measured, Model
-from .result import Identified
+from .model import Fit, Make, Measured, Model
+from .result import Given, Identified
 
 Array = NDArray[np.float64]
 
@@ -104,10 +104,10 @@ def identify(
     programmes = _loads_of(curves, loads, several)
     bounded = _checked_bounds(start, bounds or {})
     beforehand = _checked_priors(start, priors or {})
-    known = _sigma_known(curves, sigma)
+    _check_sigma(curves, sigma)
     given = makes, curves, programmes, options or SolveOptions(), sigma, beforehand
     model = Model(*given, start, bounded, comm, file, spread)
-    if model.freedom < (0 if known else 1):
+    if model.freedom < (0 if model.known else 1):
         raise ValueError(f"identify: {model.count} points do not determine {len(start)} parameters")
     first = np.array([float(value) for value in start.values()])
     with model.claimed():
@@ -116,8 +116,8 @@ def identify(
         for name, hint in model.suspects.items():
             if not model.jacobian(first)[:, list(start).index(name)].any():
                 raise ValueError(f"identify: no run changes with {name}{hint}")
-        solution = model.fit(first, max_runs)
-        return _result(solution, model, known)
+        solution = model.solve(first, max_runs)
+        return _result(solution, model)
 
 
 def _numbers(measured: Any) -> Any:
@@ -129,25 +129,11 @@ def _numbers(measured: Any) -> Any:
     return {k: in_full(v) for k, v in getattr(measured, "__dict__", {}).items()}
 
 
-def _flat(found: Fit, model: Model) -> bool:
-    """Whether a factor of e in any parameter leaves the residuals as they are."""
-    J, r = model.jacobian(found.values), model.residuals(found.values)
-    return bool(np.linalg.norm(J, axis=0).max() < TOLERANCE * np.linalg.norm(r))
-
-
-def _beyond_noise(found: Fit, model: Model, known: bool) -> bool:
-    """Whether a fit leaves more than noise; where it is not known, whether it is on a plateau."""
-    if known:
-        return 2 * found.cost > chi2.ppf(LEVEL, max(model.freedom, 1))
-    return _flat(found, model)
-
-
-def _result(solution: Fit, model: Model, known: bool) -> Identified:
+def _result(solution: Fit, model: Model) -> Identified:
     """Statistics of a solution of least squares."""
     J, r = model.jacobian(solution.values), model.residuals(solution.values)
-    flat = _beyond_noise(solution, model, known) and _flat(solution, model)
     noise = float(np.sqrt(r @ r / max(model.freedom, 1)))
-    scale = 1.0 if known else noise
+    scale = 1.0 if model.known else noise
     _, sizes, directions = np.linalg.svd(J, full_matrices=False)
     errors = scale / np.maximum(sizes, scale / UNKNOWN if scale else EXACT * sizes.max(initial=1.0))
     covariance = directions.T @ (errors[:, None] ** 2 * directions)
@@ -176,20 +162,38 @@ def _result(solution: Fit, model: Model, known: bool) -> Identified:
         residuals=model.by_experiment(model.split(r)),
         jacobian=J,
         freedom=model.freedom,
-        sigma_known=known,
-        noise=noise if known else noise * model.scale,
+        sigma_known=model.known,
+        noise=noise if model.known else noise * model.scale,
         iterations=solution.iterations,
         runs=model.runs,
-        converged=solution.status > 0 and not flat,
+        converged=solution.status > 0,
         bounds=dict(zip(model.names, np.transpose(model.bounds).tolist(), strict=True)),
         differenced=[name for name in model.names if name in model.differenced],
         energies=_energies(estimate, covariance, model.plateaus),
+        given=_given(solution, model, scale),
         cost=cost,
         least_cost=least_cost,
     )
-    found.warnings.extend(doubts(found, solution, model))
+    said, stuck = doubts(found, solution, model)
+    found = replace(found, converged=found.converged and not stuck, warnings=said)
     for message in found.warnings:
         warn_together(model.comm, f"identify: {message}")
+    return found
+
+
+def _given(solution: Fit, model: Model, scale: float) -> dict[str, Given]:
+    """What parameters q that are given do to the estimates p: at a minimum of r^T.r
+
+        d log p/d log q = -J^+.g,   g = dr/d log q,
+
+    without second derivatives; what is left of g is what the data show of q."""
+    free = ~(model.still(solution.values) | solution.bounded)
+    J, found = np.where(free, model.jacobian(solution.values), 0.0), {}
+    for name, g in model.by_given(solution.values).items():
+        effects = -np.linalg.lstsq(J, g, rcond=None)[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = float(np.float64(scale) / np.linalg.norm(g + J @ effects))
+        found[name] = Given(dict(zip(model.names, effects.tolist(), strict=True)), error)
     return found
 
 
@@ -302,11 +306,9 @@ def _checked_priors(
     return dict(priors)
 
 
-def _sigma_known(curves: Mapping[str, Sequence[Measured]], sigma: float | None) -> bool:
-    """Whether the noise is given."""
+def _check_sigma(curves: Mapping[str, Sequence[Measured]], sigma: float | None) -> None:
     if sigma is not None and not sigma > 0:
         raise ValueError(f"identify: sigma = {sigma!r} must be positive")
-    own = [curve.sigma is not None for group in curves.values() for curve in group]
-    if sigma is None and any(own) and not all(own):
+    own = {curve.sigma is not None for group in curves.values() for curve in group}
+    if sigma is None and len(own) > 1:
         raise ValueError("identify: give sigma= for the curves that have none")
-    return sigma is not None or all(own)

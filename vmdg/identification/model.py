@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from itertools import product
 from numbers import Real
 from pathlib import Path
 from reprlib import repr as short
@@ -15,6 +16,7 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from ..base.agreement import together
 from ..base.units import power_of_two
@@ -23,7 +25,7 @@ from ..laws import Debonding, TrapezoidalDebonding
 from ..points.interface import interface_names
 from ..problem.problem import Problem
 from ..sensitivity.checks import check_differentiable
-from ..sensitivity.parameters import parameter_names
+from ..sensitivity.parameters import other_parameters, parameter_names
 from ..solver.monitors import Monitor, Until
 from ..solver.options import SolveOptions
 from ..solver.result import StepFailure
@@ -47,6 +49,16 @@ Make = Callable[[dict[str, float]], tuple[Problem, Monitor] | tuple[Problem, Mon
 #: Tolerance of the logarithms of the parameters; that of the cost, quadratic at a minimum, is its
 #: square.
 TOLERANCE = 1e-4
+
+#: Largest change of a logarithm in the first step: longer ones lead from a bad start to values with
+#: which nothing fails, or all, from where no step leads back.
+FIRST = 0.3
+
+#: Factors on a parameter that changes nothing; the second ones where none of the first helps.
+LEAPS = (0.1, 0.3, 3.0, 10.0), (0.7, 1.5)
+
+#: Probability with which noise alone stays below a limit.
+LEVEL = 0.999
 
 #: Relative change of a parameter for differences of whole runs.
 DIFFERENCE = 1e-3
@@ -87,6 +99,7 @@ class Model:
 
     Attributes:
         scale: Deviation used as weight: sigma, or a number of the size of the measured values.
+        known: Whether all noise is given.
         differenced: Parameters that are differentiated by differences of whole runs.
         plateaus: Gap up to which the resistance is constant, of laws of a strength and a critical
             gap, by name and class of their interfaces.
@@ -117,10 +130,12 @@ class Model:
         self.plateaus: dict[str, float] = {}
         self.suspects: dict[str, str] = {}
         self._direct: dict[str, list[str]] = {}
+        self._others: dict[str, dict[str, float]] = {}
         self._residuals: dict[str, Array] = {}
         largest = [np.abs(one.data).max() for one in self._all if one.sigma is None]
         size = float(power_of_two(max(largest, default=0.0) or 1.0))
         self.scale = size if sigma is None else sigma
+        self.known = not largest or sigma is not None
         self.count = sum(len(one.data) for one in self._all) + len(priors)
         self.freedom = self.count - sum(one.nuisances for one in self._all) - len(self.names)
 
@@ -147,7 +162,7 @@ class Model:
             )
         models = {}
         for name, seen in self._each(lambda n: self._seen(n, at)).items():
-            models[name], self._direct[name], plateaus, suspects = seen
+            models[name], self._direct[name], self._others[name], plateaus, suspects = seen
             self.plateaus |= plateaus
             self.suspects |= suspects
             self.differenced |= set(self.names) - set(self._direct[name])
@@ -164,16 +179,19 @@ class Model:
             }
         )
 
-    def _seen(self, name: str, values: Mapping[str, float]) -> tuple[Any, list[str], dict, dict]:
-        """An experiment: its model, the parameters with derivatives along its runs,
-        :attr:`plateaus` and :attr:`suspects`."""
+    def _seen(
+        self, name: str, values: Mapping[str, float]
+    ) -> tuple[Any, list[str], dict, dict, dict]:
+        """An experiment: its model, the parameters with derivatives along its runs, others that it
+        has with their values, :attr:`plateaus` and :attr:`suspects`."""
         problem, *_ = self._made(name, values)
         known = parameter_names(problem)
         try:
             check_differentiable(problem, self._options, False)
             direct = [one for one in self.names if one in known]
+            others = {one.name: one.value for one in other_parameters(problem, direct)}
         except ValueError:
-            direct = []
+            direct, others = [], {}
         plateaus, suspects = {}, {}
         for one in self.names:
             if one not in known and near(one, known):
@@ -185,33 +203,33 @@ class Model:
                 if all(isinstance(v, Real) for v in (law.strength, law.critical_gap, plateau)):
                     plateaus |= {key: float(plateau), type(law).__name__: float(plateau)}
         model = of_model(problem, self._loads[name]) if self.file.kept else {}
-        return model, direct, plateaus, suspects
+        return model, direct, others, plateaus, suspects
 
     # Least squares
 
     def fit(self, start: Array, max_runs: int, fixed: Sequence[int] = ()) -> Fit:
         """Least squares from these parameters; those of some numbers stay as they are.
 
-        The unknowns are 1 + log(p / p_start): they have no unit, and their tolerances are relative
-        to a factor of e. Values without a run are trials that are rejected.
+        The unknowns are FIRST + log(p / p_start): they have no unit, and their tolerances are
+        relative to a factor of e. Values without a run are trials that are rejected.
         """
         free = np.setdiff1d(np.arange(len(start)), fixed)
 
         def whole(some: Array) -> Array:
             values = start.copy()
-            values[free] = start[free] * np.exp(some - 1)
+            values[free] = start[free] * np.exp(some - FIRST)
             return values
 
         if not np.isfinite(self.residuals(start)).all():
             return Fit(start, np.inf, -1, np.zeros(len(start), dtype=bool), 0)
         with np.errstate(divide="ignore"):
-            low, high = (1 + np.log(ends[free] / start[free]) for ends in self.bounds)
+            low, high = (FIRST + np.log(ends[free] / start[free]) for ends in self.bounds)
         found = least_squares(
             lambda some: self.residuals(whole(some)),
-            np.ones(len(free)),
-            lambda some: self.jacobian(whole(some))[:, free],
+            np.full(len(free), FIRST),
+            lambda some: self._moving(whole(some))[:, free],
             bounds=(low, high),
-            xtol=TOLERANCE,
+            xtol=TOLERANCE / FIRST,
             ftol=TOLERANCE**2,
             gtol=float(np.finfo(float).eps),
             max_nfev=max_runs,
@@ -219,6 +237,45 @@ class Model:
         bounded = np.zeros(len(start), dtype=bool)
         bounded[free] = found.active_mask != 0
         return Fit(whole(found.x), float(found.cost), found.status, bounded, found.njev - 1)
+
+    def solve(self, start: Array, max_runs: int) -> Fit:
+        """Least squares of all parameters, off plateaus: where some change nothing, at the start or
+        at the end, and the misfit is not noise, others are tried, and the best is the next start.
+        """
+        values, iterations = start, 0
+        while True:
+            values = self._off_plateau(values, max_runs)
+            found = self.fit(values, max_runs - len(self.runs) + 1)
+            iterations += found.iterations
+            values = self._off_plateau(found.values, max_runs)
+            if values is found.values:
+                return found._replace(iterations=iterations)
+
+    def _off_plateau(self, values: Array, max_runs: int) -> Array:
+        """Values with the least cost among those with one parameter that changes nothing by some
+        factors; the values themselves where there is none."""
+        r = self.residuals(values)
+        if self.known and r @ r <= chi2.ppf(LEVEL, max(self.freedom, 1)):
+            return values
+        best, least, still = values, (1 - TOLERANCE) * r @ r, np.flatnonzero(self.still(values))
+        for factors in LEAPS:
+            for place, factor in product(still, factors):
+                other = values.copy()
+                other[place] = np.clip(factor * other[place], *(one[place] for one in self.bounds))
+                if len(self.runs) < max_runs and (r := self.residuals(other)) @ r < least:
+                    best, least = other, r @ r
+            if best is not values:
+                break
+        return best
+
+    def still(self, values: Array) -> NDArray[np.bool_]:
+        """Parameters of which a factor of e leaves the residuals as they are (k,)."""
+        sizes = np.linalg.norm(self.jacobian(values), axis=0)
+        return sizes < TOLERANCE * np.linalg.norm(self.residuals(values))
+
+    def _moving(self, values: Array) -> Array:
+        """The derivatives, without the rounding of parameters that change nothing."""
+        return np.where(self.still(values), 0.0, self.jacobian(values))
 
     def least_cost(self, place: int, values: Array) -> float:
         """Least cost with the parameter of this number as in these values, from which those of the
@@ -253,20 +310,40 @@ class Model:
     def jacobian(self, values: Array) -> Array:
         """Derivatives of the residuals by the logarithms of the parameters (n, k)."""
         key, by_name = self._named(values)
-        stored, slopes = self._stored(key, by_name), []
+        stored, found = self._stored(key, by_name), {}
         others = self._stored(f"differences {key}", by_name, self._differences)
-        for name, group in self.measured.items():
-            rates = np.empty((len(stored[name][0]), len(self.names)))
+        for name in self.measured:
+            found[name] = rates = np.empty((len(stored[name][0]), len(self.names)))
             direct = [one in self._direct[name] for one in self.names]
             rates[:, direct] = np.reshape(stored[name][1], (len(rates), -1))
             rates[:, np.logical_not(direct)] = np.reshape(others[name], (len(rates), -1))
-            ends = np.cumsum([len(one.data) for one in group])[:-1]
-            for one, part in zip(group, np.split(rates, ends), strict=True):
-                slopes.append(self._weighted(one, part))
         of_priors = np.zeros((len(self._priors), len(self.names)))
         for row, (name, (_, error)) in zip(of_priors, self._priors.items(), strict=True):
             row[self.names.index(name)] = 1 / error
-        return np.vstack([*slopes, of_priors])
+        return np.vstack([self._all_weighted(found), of_priors])
+
+    def by_given(self, values: Array) -> dict[str, Array]:
+        """Derivatives of the residuals by the logarithms of the parameters of the problems that are
+        given and not fitted, by name (n,)."""
+        key, by_name = self._named(values)
+        stored = self._stored(f"given {key}", by_name, self._of_given)
+        if "refused" in stored:
+            return {}
+        sizes = {name: len(one[0]) for name, one in self._stored(key, by_name).items()}
+        found, of_priors = {}, np.zeros(len(self._priors))
+        for one in dict.fromkeys(one for rates in stored.values() for one in rates):
+            rates = {n: np.array(stored[n].get(one, np.zeros(size))) for n, size in sizes.items()}
+            found[one] = np.append(self._all_weighted(rates), of_priors)
+        return found
+
+    def _all_weighted(self, rates: Mapping[str, Array]) -> Array:
+        """Derivatives over sigma of all measurements, from those by experiment."""
+        found = []
+        for name, group in self.measured.items():
+            ends = np.cumsum([len(one.data) for one in group])[:-1]
+            parts = zip(group, np.split(rates[name], ends), strict=True)
+            found += [self._weighted(one, part) for one, part in parts]
+        return np.concatenate(found)
 
     def compared(self, values: Array) -> list[tuple[Measured, Array]]:
         """What was measured, with what the runs have in its place (n,)."""
@@ -356,23 +433,23 @@ class Model:
 
         return problem, watched if fields else monitor, rest[0] if rest else None
 
-    def _run(self, name: str, values: Mapping[str, float], direct: Sequence[str]) -> Compared:
-        """What a run has in the place of all that was measured in an experiment.
+    def _run(self, name: str, values: Mapping[str, float], by: Mapping[str, float]) -> Compared:
+        """What a run has in the place of all that was measured in an experiment, with derivatives
+        by parameters of these values.
 
         Raises:
             StepFailure: it ends before it has reached everything.
         """
         problem, monitor, until = self._made(name, values)
-        by = {one: values[one] for one in direct} or None
         arguments = problem, self._loads[name], self._options, monitor
         failed = None
         try:
-            history = solve(*arguments, until=until, derivatives=by).history
+            history = solve(*arguments, until=until, derivatives=by or None).history
         except StepFailure as failure:
             failed, history = failure, failure.result.history
             if not len(history):
                 raise
-        found = [one.of_run(history, direct) for one in self.measured[name]]
+        found = [one.of_run(history, list(by)) for one in self.measured[name]]
         if failed is not None and not all(one.reached for one in found):
             raise failed
         values_of, slopes, _ = zip(*found, strict=True)
@@ -381,9 +458,21 @@ class Model:
     def _experiment(self, name: str, values: dict[str, float]) -> list[list]:
         """Values of an experiment (n,), and p d/dp of them by the parameters with derivatives along
         the run (n, k)."""
-        direct = self._direct[name]
-        found = self._run(name, values, direct)
-        return [found.values.tolist(), (found.slopes * [values[one] for one in direct]).tolist()]
+        by = {one: values[one] for one in self._direct[name]}
+        found = self._run(name, values, by)
+        return [found.values.tolist(), (found.slopes * [*by.values()]).tolist()]
+
+    def _of_given(self, name: str, values: dict[str, float]) -> dict[str, list[float]]:
+        """q d/dq of an experiment by parameters q that are not fitted, by name (n,), without those
+        that follow the values."""
+        problem, *_ = self._made(name, values)
+        direct, first = self._direct[name], self._others[name]
+        by = {one.name: one.value for one in other_parameters(problem, direct)} if first else {}
+        by = {one: value for one, value in by.items() if value == first.get(one)}
+        if not by:
+            return {}
+        rates = self._run(name, values, by).slopes * [*by.values()]
+        return dict(zip(by, rates.T.tolist(), strict=True))
 
     def _differences(self, name: str, values: dict[str, float]) -> list:
         """p d/dp of an experiment by the other parameters (n, k), by differences of whole runs;
@@ -396,7 +485,7 @@ class Model:
             ends, width = [], 0.0
             for h in (DIFFERENCE, -DIFFERENCE):
                 try:
-                    ends.append(self._run(name, values | {one: values[one] * (1 + h)}, []).values)
+                    ends.append(self._run(name, values | {one: values[one] * (1 + h)}, {}).values)
                     width += DIFFERENCE
                 except REFUSALS:
                     ends.append(here)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ UNLIMITED, FIRST = 1e3, 2.0
 
 #: Distance from the estimate of values without a run, in standard errors.
 REFUSED = 1e3
+
+#: Per cent of an estimate for one of a given parameter that is not worth a word.
+SMALL = 0.01
 
 #: Error of the end of an interval, relative to its distance.
 OF_END = 0.02
@@ -39,6 +42,18 @@ class Run:
     values: dict[str, float]
     cost: float
     refused: str = ""
+
+
+class Given(NamedTuple):
+    """What a parameter of the model that is given, and not fitted, does to a result.
+
+    Attributes:
+        effects: By how many per cent each estimate changes if it is larger by one, by name.
+        error: Standard error of its logarithm if it were fitted too: what the data say about it.
+    """
+
+    effects: dict[str, float]
+    error: float
 
 
 @dataclass(frozen=True)
@@ -69,6 +84,8 @@ class Identified:
             are carried along the runs.
         energies: G_c and its relative standard error, by name of interfaces whose strength and
             critical gap are parameters.
+        given: Parameters of the problems that are not fitted, with what they do to the estimates,
+            by name; without those that have no derivatives along a run.
         cost: The cost for any parameters by name, by a run.
         least_cost: The least cost with a parameter, by name, at a value, by several runs.
         warnings: Messages about parameters that the data do not determine.
@@ -90,6 +107,7 @@ class Identified:
     bounds: dict[str, list[float]]
     differenced: list[str]
     energies: dict[str, tuple[float, float]]
+    given: dict[str, Given]
     cost: Callable[[Mapping[str, float]], float] = field(repr=False)
     least_cost: Callable[[str, float], float] = field(repr=False)
     warnings: list[str] = field(default_factory=list)
@@ -255,15 +273,18 @@ class Identified:
             f"{name:{width}}  {value:.6g}  +- {100 * error:.2g} %  95 % in {low:.4g} .. {high:.4g}"
             for name, value, error, low, high in rows
         ]
-        if self.sigma_known:
-            lines.append(f"noise {self.noise:.3g} sigma")
-        else:
-            lines.append(f"noise {self.noise:.3g}, from the residuals")
+        lines.append(f"noise {self.noise:.3g}{' sigma' if self.sigma_known else ', estimated'}")
         if len(self.names) > 1:
             lines.append("correlation")
             for i, name in enumerate(self.names):
                 numbers = "".join(f"  {value:6.3f}" for value in self.correlation[i, : i + 1])
                 lines.append(f"  {name:{width}}{numbers}")
+        if self.given:
+            lines.append("these errors are of noise; of what is given, 1 % more changes")
+        for name, one in self.given.items():
+            changes = [f"{k} by {v:+.2g} %" for k, v in one.effects.items() if abs(v) > SMALL]
+            told = f"tell it within {100 * one.error:.2g} %" if one.error < 1 else "do not tell it"
+            lines.append(f"  {name:{width}}  {', '.join(changes) or 'nothing'}; the data {told}")
         refused = sum(bool(run.refused) for run in self.runs)
         head = f"{self.iterations} iterations, {len(self.runs)} runs"
         head += f", {refused} of them refused" if refused else ""

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assembly.discretization import interface_forces
-from ..base.parallel import global_any, global_sum
+from ..base.parallel import global_any, global_norm, global_sum
 from ..base.timers import timer
 from ..interface.active import ActiveInterface, lets_go
 from ..interface.history import InterfaceSnapshot, PointHistory
@@ -44,6 +44,9 @@ from .rows import Row, Rows
 from .stabilization_rates import StabilizationRates
 
 Array = NDArray[np.float64]
+
+#: Resistance of a body that floats, relative to the norm of K: rounding.
+SINGULAR = 1e-13
 
 
 @dataclass
@@ -152,7 +155,7 @@ class Derivatives:
             if follows:
                 right.append(near.load_rate(dt))
                 moved.append(self._problem.loading.rate())
-            found = system.respond(right, moved)
+            found = self._responses(system, right, moved)
             ways, factors = [], np.zeros(len(begun))
             if follows:
                 along, under = found[-1]
@@ -169,6 +172,22 @@ class Derivatives:
             )
             by_name = {parameter.name: self._rate(parameter, *rest) for parameter, *rest in known}
             step.rates = replace(step.rates, by_name=by_name, known=True)
+
+    def _responses(
+        self, system: System, right: Sequence[Array], moved: Sequence[Array]
+    ) -> list[tuple[Array, Array]]:
+        """Displacements and forces K.du; zero where a force that is rounding only moves a body that
+        floats, once its bond is broken, without resistance."""
+        comm, loading, found = self._problem.comm, self._problem.loading, []
+        for force, held, (du, balance) in zip(
+            right, moved, system.respond(right, moved), strict=True
+        ):
+            stiff = SINGULAR * system.norm * global_norm(comm, du)
+            floats = global_norm(comm, loading.balance(force.copy())) <= stiff
+            if floats and not global_any(comm, bool(held.any())):
+                du, balance = np.zeros_like(du), np.zeros_like(balance)
+            found.append((du, balance))
+        return found
 
     def _factors(
         self,

@@ -33,6 +33,9 @@ _OF_LAME: dict[str, Callable[[Array, Array], Array]] = {
     "nu": lambda mu, lmbda: lmbda / (2 * (lmbda + mu)),
 }
 
+#: Other words for the same moduli.
+_OTHERWISE = dict.fromkeys(_OF_LAME, ("mu", "lmbda")) | dict.fromkeys(("mu", "lmbda"), ("E", "nu"))
+
 
 class Parameter:
     """A parameter of a problem.
@@ -190,10 +193,16 @@ class _Place:
 
     Attributes:
         make: Makes a parameter from its full name and its field.
+        things: Numbers of interfaces, from -1 downwards, or tags of cells.
     """
 
     make: Callable[[str, str], Parameter]
     fields: dict[str, Any]
+    things: tuple[int, ...]
+
+    def contains(self, field: str) -> set[tuple[int, str]]:
+        """Parameters of single things that change with a field, or cannot change with it."""
+        return {(one, name) for one in self.things for name in (field, *_OTHERWISE.get(field, ()))}
 
 
 def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) -> list[Parameter]:
@@ -231,6 +240,22 @@ def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) 
 def parameter_names(problem: Problem) -> list[str]:
     """Names of all parameters of a problem."""
     return [f"{place}.{field}" for place, one in _places(problem).items() for field in one.fields]
+
+
+def other_parameters(problem: Problem, names: Sequence[str]) -> list[Parameter]:
+    """Parameters that are numbers other than zero, without those of some names: those of a class
+    together where none of its members has one of its own among the names."""
+    places, found = _places(problem), []
+    taken: set[tuple[int, str]] = set()
+    for name in names:
+        place, _, field = name.rpartition(".")
+        taken |= {(one, field) for one in places[place].things}
+    for place, one in sorted(places.items(), key=lambda item: -len(item[1].things)):
+        for field, value in one.fields.items():
+            if isinstance(value, Real) and value != 0 and not one.contains(field) & taken:
+                found.append(one.make(f"{place}.{field}", field))
+                taken |= {(thing, field) for thing in one.things}
+    return found
 
 
 def _places(problem: Problem) -> dict[str, _Place]:
@@ -271,14 +296,15 @@ def _of_bodies(problem: Problem, tags: Sequence[int]) -> _Place | None:
             return EigenstrainParameter(problem, name, tags[0])
         return BodyParameter(problem, name, tags, field)
 
-    return _Place(make, known) if known else None
+    return _Place(make, known, tuple(tags)) if known else None
 
 
 def _of_laws(problem: Problem, numbers: Sequence[int]) -> _Place:
     law = problem.interfaces[numbers[0]].law
     given = {field.name: getattr(law, field.name) for field in fields(law) if field.init}
     known = {name: 1.0 if callable(v) else v for name, v in given.items() if _differs(v)}
-    return _Place(lambda name, field: LawParameter(problem, name, numbers, field), known)
+    things = tuple(-1 - i for i in numbers)
+    return _Place(lambda name, field: LawParameter(problem, name, numbers, field), known, things)
 
 
 def _differs(value: Any) -> bool:
