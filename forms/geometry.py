@@ -57,11 +57,9 @@ class Cartesian:
         return 1
 
     def size(self, d: int) -> int:
-        """Rows n of GRAD w for d components of w."""
         return d
 
     def entries(self, d: int) -> Entries:
-        """Entries of GRAD w that are not zero for every w."""
         return [(i, j) for i, j in product(range(d), repeat=2)]
 
     def gradient(self, w: Expr) -> Expr:

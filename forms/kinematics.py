@@ -34,7 +34,6 @@ class PointFields:
         facet_stress: P at any point of a cell (3, 3) [MPa].
         facet_moduli: dP/dF of the adjoint term, at any point of a cell (m, m) [MPa].
         facet_stretch: F_33 at any point of a cell, at small strain the strain.
-        entries: Entries of F by which it differs from I.
     """
 
     stress: Expr
@@ -194,7 +193,6 @@ class Body:
 
     @property
     def anisotropic(self) -> bool:
-        """Whether the eigenstrain is a tensor."""
         return self.eigenstrain is not None and self.eigenstrain.ufl_shape != ()
 
     @property

@@ -148,11 +148,6 @@ def _rows_of(
 
 
 def _names(parts: Sequence[NamedTags | MeshTags]) -> dict[str, int]:
-    """Tag by name of the groups of all parts.
-
-    Raises:
-        ValueError: two parts have one name for different tags.
-    """
     names: dict[str, int] = {}
     for part in parts:
         for name, tag in getattr(part, "names", {}).items():

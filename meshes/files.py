@@ -264,7 +264,6 @@ def _points_of(
 
 
 def _check_groups(mesh: MeshArrays) -> None:
-    """Check that every cell is in a group."""
     word = {2: "surface", 3: "volume"}[mesh.dim]
     cells = mesh.of(mesh.dim)
     lost = sum(len(block.nodes) for block in cells if not block.group)
@@ -341,11 +340,7 @@ def _open(path: Path) -> None:
 
 
 def _physical_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
-    """Dimension, tag and name of physical groups as they are written.
-
-    Raises:
-        ValueError: a dimension does not exist; gmsh would write past the end of an array.
-    """
+    """Dimension, tag and name of physical groups as they are written."""
     content.seek(max(content.find(b"$PhysicalNames"), 0))
     if not content.readline().startswith(b"$PhysicalNames"):
         return

@@ -81,7 +81,6 @@ def model(name: str) -> Iterator[Any]:
 
 
 def one_size(size: float) -> None:
-    """Set a uniform cell size in the current model."""
     for bound in ("Min", "Max"):
         gmsh.option.setNumber(f"Mesh.MeshSize{bound}", size)
 
@@ -93,13 +92,6 @@ def generate_tetrahedra(gmsh_model: Any) -> None:
 
 
 def name_groups(gmsh_model: Any, dim: int, names: Mapping[str, int]) -> None:
-    """Name physical groups of a dimension, as far as the model has them.
-
-    Args:
-        gmsh_model: The model.
-        dim: Dimension of the groups.
-        names: Tag by name.
-    """
     there = {tag for _, tag in gmsh_model.getPhysicalGroups(dim)}
     for name, tag in names.items():
         if tag in there:
@@ -224,7 +216,6 @@ def _wrong_cells(gmsh_model: Any, gdim: int) -> str | None:
 
 
 def _nodes(name: str, degree: int) -> int:
-    """Number of nodes of a complete cell of a degree."""
     if name.startswith("Triangle"):
         return (degree + 1) * (degree + 2) // 2
     if name.startswith("Tetrahedron"):

@@ -85,7 +85,6 @@ def _apart(
     Args:
         centres: (n, dim).
         radii: Radii of the balls (n,).
-        size: Side of the cell.
         periodic: Whether balls leave and enter; otherwise they stay inside.
         sweeps: Moves of all balls before giving up.
         aim: Extra distance of separated pairs, in radii, so that the sweeps end.
@@ -195,7 +194,6 @@ def cut_balls(
     around = np.array(radii)[:, None]
 
     def clear(corner: NDArray[np.float64]) -> float:
-        """Distance of a corner from the circles."""
         apart = centres - corner
         apart -= size * np.round(apart / size)
         return np.abs(np.linalg.norm(apart, axis=1) - around).min()

@@ -143,9 +143,6 @@ def between_bodies(tags: NDArray[np.int32], weight: int) -> Weigh:
 
     Args:
         tags: Bodies of all cells, in the order in which one rank passes them to ``create_mesh``.
-
-    Raises:
-        ValueError: a weight below 1.
     """
     if weight < 1:
         raise ValueError(f"between_bodies: weight = {weight} must be at least 1")

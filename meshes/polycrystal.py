@@ -138,7 +138,6 @@ def _faces(geo: Any, grains: Tessellation) -> dict[frozenset[int], int]:
     lines: dict[tuple[int, int], int] = {}
 
     def line(a: int, b: int) -> int:
-        """Line from a to b; negative if it was created from b to a."""
         if (a, b) not in lines:
             lines[a, b] = geo.addLine(corners[a], corners[b])
             lines[b, a] = -lines[a, b]

@@ -73,7 +73,6 @@ def find(name: str) -> tuple[str | None, str]:
 
 
 def petsc_solvers() -> dict[str, bool]:
-    """Which of PETSc's solvers are available."""
     from petsc4py import PETSc
 
     has = {name: bool(PETSc.Sys.hasExternalPackage(key)) for name, key in SOLVERS.items()}
@@ -287,7 +286,6 @@ def check_debonding(comm: MPI.Comm, exact: tuple[float, float, float] | None = N
 
 
 def check_fields(comm: MPI.Comm) -> str:
-    """Write fields for ParaView."""
     import dolfinx
 
     if not dolfinx.has_adios2:
@@ -323,7 +321,6 @@ def check_checkpoints(comm: MPI.Comm) -> str:
 
 
 def check_meshes(comm: MPI.Comm) -> str:
-    """Make a mesh with gmsh."""
     version, why = find("gmsh")
     if version is None:
         raise Missing(f"gmsh is missing ({why}): vmdg.meshes and the demos need it")
@@ -337,10 +334,7 @@ class Check(NamedTuple):
     """One check.
 
     Attributes:
-        name: What is checked.
         run: Runs the check on all ranks and returns its finding; raises on failure.
-        cure: Remedy for a failure.
-        vital: Whether later checks need it.
     """
 
     name: str

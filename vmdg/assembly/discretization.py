@@ -132,7 +132,6 @@ class Discretization:
         return self.surface
 
     def take_fluid(self, number: int) -> ActiveInterface:
-        """The active interface of this number, with a fluid between its faces."""
         active = self.active[number]
         if active.fluid is None:
             take_fluid(active)
@@ -145,7 +144,6 @@ class Discretization:
 
     @property
     def can_fail(self) -> bool:
-        """Whether an active interface has a law that can fail."""
         return any(active.law.inelastic for active in self.active.values())
 
     @property
@@ -254,9 +252,6 @@ class Discretization:
 
         Returns:
             The resulting change of the energy (30) on this rank [N mm].
-
-        Raises:
-            ValueError: the softening of a law is too steep for the mesh (r <= H).
         """
         self.update_means(pressure=True)
         with timer("stabilization"):

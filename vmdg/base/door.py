@@ -100,12 +100,6 @@ def door(called: Called, inner: bool = True, largest: float = np.inf) -> Called:
 def _check(
     name: str, function: Callable[..., Any], given: Mapping[str, Any], largest: float = np.inf
 ) -> None:
-    """Compare arguments with their annotations, and numbers with the largest one.
-
-    Raises:
-        TypeError: an argument has another type.
-        ValueError: a number is not finite, or too large.
-    """
     for argument, value in given.items():
         if not fits(value, _hint(function, argument)):
             annotation = function.__annotations__[argument]
@@ -251,7 +245,6 @@ def _of_arrays(hint: Any) -> bool:
 
 
 def _numbers(value: Any) -> bool:
-    """Whether numpy makes numbers of it."""
     try:
         return np.asarray(value).dtype.kind in "biuf"
     except ValueError:

@@ -27,22 +27,14 @@ def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = Non
 
 
 def checked_path(what: str, path: Any) -> Path:
-    """A path that a user gives.
-
-    Raises:
-        TypeError: it is not a path.
-    """
+    """A path that a user gives."""
     if not isinstance(path, str | PathLike):
         raise TypeError(f"{what} = {path!r} must be a str or a Path")
     return Path(path)
 
 
 def as_numbers(values: Any) -> NDArray[np.float64]:
-    """The user's values as an array of floats; numpy alone would convert text such as "3.0".
-
-    Raises:
-        ValueError: one of them is text or complex, of which numpy would drop a part.
-    """
+    """The user's values as an array of floats; numpy alone would convert text such as "3.0"."""
     array = np.asarray(values)
     if array.dtype.kind == "c":
         raise ValueError("it is complex; give its real part")
@@ -54,11 +46,7 @@ def as_numbers(values: Any) -> NDArray[np.float64]:
 
 
 def at_points(function: Callable[..., Any], *arguments: Any, what: str = "") -> Any:
-    """Call a user's function of points x (3, n).
-
-    Raises:
-        ValueError: it is written for one point.
-    """
+    """Call a user's function of points x (3, n)."""
     try:
         return function(*arguments)
     except ValueError as error:

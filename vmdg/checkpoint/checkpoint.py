@@ -93,15 +93,7 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
 
 
 def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
-    """The exclusive right to write checkpoints to a folder, until released; collective.
-
-    Args:
-        comm: The ranks.
-        folder: Created if missing.
-
-    Raises:
-        OSError: another run writes there, or the folder is not writable; on all ranks.
-    """
+    """The exclusive right to write checkpoints to a folder, until released; collective."""
     what = f"the checkpoint in {folder}"
     return Claim(
         comm, checked_path("checkpoint: folder", folder) / "checkpoint.lock", what, nested=True
@@ -112,7 +104,6 @@ def warn_of_replacement(comm: MPI.Comm, folder: str | Path) -> None:
     """Warn if a run from the start would replace the checkpoint of another; collective.
 
     Args:
-        comm: The ranks.
         folder: For the checkpoints of the new run.
     """
     place, message = checked_path("checkpoint: folder", folder), None

@@ -82,7 +82,6 @@ def _parameters(law: Any) -> dict[str, Any]:
 
 
 def _described(item: object, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Class and parameters, without those that are not numbers or words."""
     known = {k: v for k, v in parameters.items() if isinstance(v, (bool, int, float, str))}
     return {"class": type(item).__name__} | known
 

@@ -66,10 +66,6 @@ class Bodies:
         rigid: Marks of local cells that belong to a rigid wall.
         mean_dilatation: Whether J is constant in a cell, from the geometry.
         points: Bodies whose stress is computed at points; None for none.
-
-    Raises:
-        ValueError: a cell has no tag, a tag no material, or a material no cell, or a parameter has
-            no value in a cell.
     """
 
     def __init__(
@@ -152,7 +148,6 @@ class Bodies:
 
     @property
     def grow(self) -> bool:
-        """Whether a body has an eigenstrain."""
         return self._eigenstrain is not None
 
     def eigenstrains(self, t: float) -> NDArray[np.float64]:
@@ -180,8 +175,7 @@ class Bodies:
 
     def least_stretch(self, values: NDArray[np.float64]) -> float:
         """Smallest eigenvalue of F_s = I + e over the cells of this rank, or a positive lower
-        bound.
-        """
+        bound."""
         if not self._tensor:
             return 1 + float(values.min(initial=0.0))
         stretches = np.eye(3) + values.reshape(-1, 3, 3)
@@ -204,7 +198,6 @@ class Bodies:
 
     @property
     def swelling(self) -> list[int]:
-        """Tags of the groups with an eigenstrain."""
         return list(self._eigenstrains)
 
     @contextmanager
@@ -229,9 +222,6 @@ def cell_values(
 
     Returns:
         One number, or (n,).
-
-    Raises:
-        ValueError: it is none of these, or not finite.
     """
     if isinstance(value, Real):
         return float(value)
@@ -277,11 +267,7 @@ def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.integer]) -> NDArray[np.
 def rows_of_cells(
     mesh: Mesh, value: fem.Function | ArrayLike, cells: NDArray[np.integer]
 ) -> NDArray[np.float64]:
-    """Values of a Function of degree 0, or rows of an array of all local cells, at cells (n, ...).
-
-    Raises:
-        ValueError: the Function is of another degree or mesh, or the array of another length.
-    """
+    """Values of a Function of degree 0, or rows of an array of local cells, at cells (n, ...)."""
     if isinstance(value, fem.Function):
         space = value.function_space
         if space.mesh is not mesh or space.dofmap.list.shape[1:] != (1,):

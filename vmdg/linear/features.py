@@ -10,13 +10,7 @@ from .ksp import Choice, Petsc, is_iterative, linear_options
 
 
 class Switch(NamedTuple):
-    """One feature of a run.
-
-    Attributes:
-        name: Name of the feature.
-        on: Whether the run uses it.
-        reason: Why, or its replacement.
-    """
+    """One feature of a run."""
 
     name: str
     on: bool

@@ -76,7 +76,6 @@ class System:
         self._found: list[Array] = []
 
     def _make_matrix(self) -> None:
-        """The matrix with the present pattern, and its solver."""
         parts, options = self._discretization, self._options
         self._pattern = parts.couple()
         self._matrix = matrix = parts.create_matrix(matrix_kind(options.solver))
@@ -108,7 +107,6 @@ class System:
 
     @property
     def iterations(self) -> int:
-        """Krylov iterations so far."""
         return self._linear.iterations
 
     @property
@@ -181,7 +179,6 @@ class System:
         return converged
 
     def _balance(self, forces: Array) -> Array:
-        """Forces without reactions."""
         return self._loading.balance(forces.copy())
 
     def _assemble(self) -> None:
@@ -312,7 +309,6 @@ class System:
         return list(at_rest + q.T @ moving)
 
     def _lift(self, moved: Array) -> Array | float:
-        """Forces of the prescribed displacements."""
         du = np.zeros_like(moved)
         du[self._prescribed] = moved[self._prescribed]
         return self.product(du) if global_any(self._comm, du.any()) else 0.0

@@ -44,7 +44,6 @@ def discontinuous(problem: Problem) -> fem.Function:
 
 
 def copy_displacement(problem: Problem, function: fem.Function) -> None:
-    """Set a function of :func:`discontinuous` to the current displacement."""
     u, d = whole_displacement(problem), problem.mesh.geometry.dim
     mine, theirs = function.function_space.dofmap.list, u.function_space.dofmap.list
     function.x.array.reshape(-1, d)[mine] = u.x.array.reshape(-1, d)[theirs]
@@ -77,7 +76,6 @@ class InterfaceFields:
         }
 
     def update(self) -> None:
-        """Set the fields to the current state."""
         active = self._problem.discretization.active.get(self._i)
         for name, function in self.functions.items():
             if name == DISPLACEMENT:
@@ -224,7 +222,8 @@ class FieldWriter:
         self._do(lambda: [writer.write(t) for writer in self._writers])
 
     def _check_files(self) -> None:
-        """Raises:
+        """
+
         OSError: one was removed.
         """
         gone = [file.name for file in self._files if self._comm.rank == 0 and not file.exists()]

@@ -56,11 +56,7 @@ class Rayleigh:
 
 
 def checked_viscosity(viscosity: Viscosity) -> Viscosity:
-    """A viscosity of :meth:`.Problem.spring`, two numbers or the word.
-
-    Raises:
-        ValueError: it is something else.
-    """
+    """A viscosity of :meth:`.Problem.spring`, two numbers or the word."""
     if isinstance(viscosity, str):
         if viscosity == ABSORBING:
             return viscosity
@@ -92,15 +88,10 @@ class Damping:
 
     @property
     def exists(self) -> bool:
-        """Whether there are viscous forces."""
         return bool(self.dashpots or self.rayleigh.alpha or self.rayleigh.beta)
 
     def refuse(self) -> None:
-        """Refuse bodies whose viscosity beta F.dS/dt is not defined here.
-
-        Raises:
-            ValueError: beta > 0 with a material at points, mean dilatation, or unknown means.
-        """
+        """Refuse bodies whose viscosity beta F.dS/dt is not defined here."""
         bodies = self._parts.bodies
         others = bodies.points is not None or bodies.mean_dilatation
         if self.rayleigh.beta and (others or self._parts.means is not None):

@@ -98,7 +98,6 @@ class Ledger:
         self.works = replace(self.works, pending=None)
 
     def begin(self, state: Snapshot, dt: float, slowed: bool, cycles: float) -> None:
-        """Start a step from a converged state."""
         loads, fluids = self._loading.vector, self._fluids()
         self._start = _Start(state, loads, fluids, dt, slowed, cycles)
 
@@ -182,7 +181,6 @@ class Ledger:
         return Energy(*(float(value) for value in global_sum(self._comm, values)))
 
     def _enter(self, external: Sequence[float], dissipated: NDArray[np.float64]) -> None:
-        """Record this rank's works."""
         works = self.works
         self.works = replace(
             works,
@@ -209,7 +207,6 @@ class Ledger:
         self.works = replace(self.works, increment=None, pending=None)
 
     def follow(self, discretization: Discretization) -> None:
-        """Continue with another discretization."""
         self.discretization = discretization
         self.begin_path()
 
@@ -426,5 +423,4 @@ class Ledger:
 
 
 def _joined(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Concatenated arrays, possibly none."""
     return np.concatenate([np.zeros(0), *arrays])

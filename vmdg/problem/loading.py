@@ -48,24 +48,14 @@ class Loading:
     What imposes them is kept, since facets that open on demand change the space.
 
     Args:
-        discretization: The loaded discretization.
         names: Tag by name of the groups of cells.
 
     Attributes:
         nearby: Whether the state is for the moment one of a neighbouring value of a parameter, at
             which a monitor is differentiated.
-        load_factor: t as a UFL constant.
-        discretization: The current one.
-        dirichlet: Prescribed displacements in its space.
-        dead: Its dead loads.
-        surface: Its pressures and springs.
-        rigid: Its rigid faces.
-        loads: These and eigenstrains.
         ray: The ray along which the load factor moves; None if loads are used as given.
-        given: Information on loads and supports.
         parts: Parts of the problem by the interfaces that are intact, see
             :func:`.supports.parts_of`; forgotten when a load or support is added.
-        t: Load factor.
     """
 
     def __init__(self, discretization: Discretization, names: dict[str, int]):
@@ -79,7 +69,6 @@ class Loading:
         self.follow(discretization)
 
     def follow(self, discretization: Discretization) -> None:
-        """Apply all loads to another discretization."""
         self.discretization, u = discretization, discretization.u
         self.parts: dict[tuple[int, ...], Any] = {}
         self.dirichlet = DirichletConditions(discretization.space, self._zeros())
@@ -95,7 +84,6 @@ class Loading:
         self.move(self.t)
 
     def _zeros(self) -> NDArray[np.int32]:
-        """Local dofs that are zero for every load."""
         parts = self.discretization
         if parts.means is None:
             return axis_dofs(parts.space, parts.geometry)
@@ -115,9 +103,6 @@ class Loading:
                 their communicators, of which MPICH has 2048.
             cells: Local cells on which a load acts.
             of_means: Whether it acts on a mean, as allowed in a periodic cell.
-
-        Raises:
-            ValueError: it conflicts with a rigid face or a periodic cell, and is not applied.
         """
         if lattice_of(self.discretization.means) is not None and not of_means:
             raise ValueError(
@@ -156,11 +141,7 @@ class Loading:
         return self.at(self.dirichlet, t)
 
     def _refuse_held_faces(self) -> None:
-        """Check that nodes of rigid faces have no other constraint.
-
-        Raises:
-            ValueError: one belongs to two faces, or its displacement is prescribed.
-        """
+        """Check that nodes of rigid faces have no other constraint."""
         if not self.rigid:
             return
         dofs, d = self.rigid.dofs, self.discretization.space.dofmap.index_map_bs
@@ -211,7 +192,6 @@ class Loading:
 
     @property
     def pressurised(self) -> bool:
-        """Whether there is a pressure."""
         return self.surface.pressurised
 
     def spread(self) -> None:
@@ -242,11 +222,7 @@ class Loading:
         return True
 
     def check_finite(self, t: float) -> list[Array]:
-        """The given values of :attr:`loads` at load factor ``t``; collective.
-
-        Raises:
-            ValueError: one of them is not finite, or an eigenstrain of finite strain is -1 or less.
-        """
+        """The given values of :attr:`loads` at load factor ``t``; collective."""
         values = together(self._mesh.comm, lambda: [load.values(t) for load in self.loads])
         self._refuse_infinite(t, values)
         return values
@@ -263,7 +239,6 @@ class Loading:
         return not global_any(comm, not together(comm, lambda: self.ray.leads(t)))
 
     def clear_ray(self) -> None:
-        """Use loads as given from now on."""
         self.ray, self._vector = None, None
 
     def strained(self, t: float, other: float) -> bool:

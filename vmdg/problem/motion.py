@@ -34,10 +34,6 @@ def checked_density(
 
     Args:
         deformable: Tags of the bodies that are not rigid walls.
-
-    Raises:
-        ValueError: a body has none, a wall has one, or one is not positive and finite.
-        TypeError: one is not a number.
     """
     for tag, rho in density.items():
         if isinstance(rho, bool) or not isinstance(rho, Real):
@@ -178,17 +174,14 @@ class Motion:
 
     @property
     def moves(self) -> bool:
-        """Whether anything on this rank moves, or is accelerated."""
         return bool(self.velocity.x.array.any() or self.acceleration.any() or self.carried.any())
 
     @property
     def state(self) -> MotionState:
-        """The current motion."""
         velocity = self.velocity.x.array.copy()
         return MotionState(velocity, self.acceleration, self.carried, self.lumped, self.plan)
 
     def return_to(self, state: MotionState) -> None:
-        """Return to a motion."""
         self.velocity.x.array[:], *others = state
         self.acceleration, self.carried, self.lumped, self.plan = others
 
@@ -203,7 +196,6 @@ class Motion:
         return found
 
     def take(self, fields: Mapping[str, Array]) -> None:
-        """Take what :meth:`fields` has returned; at rest where it is missing."""
         at_rest = np.zeros_like(self.velocity.x.array)
         self.velocity.x.array[:] = fields.get("velocity", at_rest)
         owned = slice(self._discretization.owned)
@@ -229,11 +221,6 @@ class Motion:
 
 
 def moving(motion: Motion | None) -> Motion:
-    """The motion of a problem.
-
-    Raises:
-        ValueError: it has no density.
-    """
     if motion is None:
         raise ValueError(
             "the problem has no mass: give density={tag: mass per volume}, in t/mm3 with N, mm "

@@ -91,11 +91,6 @@ class Periodic:
 
 
 def checked_periodic(periodic: Periodic | None) -> Periodic | None:
-    """Check the user's argument.
-
-    Raises:
-        TypeError: it has the wrong type.
-    """
     if periodic is None or isinstance(periodic, Periodic):
         return periodic
     raise TypeError(
@@ -131,11 +126,7 @@ def _components(comm: MPI.Comm, given: Components | None, d: int, what: str) -> 
 
 
 def _upper(given: _Given, what: str) -> _Given:
-    """Components i <= j of a symmetric tensor.
-
-    Raises:
-        ValueError: it is not symmetric at load factors 0 or 1.
-    """
+    """Components i <= j of a symmetric tensor."""
     result = {}
     for (i, j), value in given.items():
         twin = given.get((j, i), value)

@@ -283,7 +283,6 @@ class Problem:
         )
 
     def _repr_html_(self) -> str:
-        """For notebooks: the repr and a table of the interfaces."""
         names = interface_names(self.interfaces)
         rows = [(i, names[i], repr(interface)) for i, interface in enumerate(self.interfaces)]
         table = html_table(("number", "name", "interface"), rows)

@@ -17,16 +17,7 @@ PROBES, STRAIGHT = (0.382, 0.5), 1e-9
 
 
 class Ray:
-    """A list of loads, each linear between its given values at two load factors, and beyond.
-
-    Args:
-        loads: The loads.
-        start: Load factor.
-        end: Another load factor.
-
-    Attributes:
-        ends: Values of every load at both.
-    """
+    """A list of loads, each linear between its given values at two load factors, and beyond."""
 
     def __init__(self, loads: Iterable[Load], start: float, end: float):
         self.start, self.end = start, end
@@ -39,7 +30,6 @@ class Ray:
         return (1 - share) * first + share * last
 
     def rate(self, load: Load) -> Array:
-        """Derivative of a load by the load factor."""
         first, last = self.ends[load]
         return (last - first) / (self.end - self.start)
 
@@ -55,7 +45,6 @@ class Ray:
         return bool((np.array(off) <= STRAIGHT * np.array(sizes)).all())
 
     def is_straight(self) -> bool:
-        """Whether it does so between its ends, on this rank."""
         length = self.end - self.start
         # All of them: ranks that stopped at the first one would call users' functions less often.
         return all([self.leads(self.start + share * length) for share in PROBES])

@@ -60,7 +60,6 @@ class Parts(NamedTuple):
 
 
 def in_words(parts: Sequence[LoosePart]) -> str:
-    """Description of the bodies of parts, for messages."""
     tags = [str(tag) for tag in sorted({tag for part in parts for tag in part.tags})]
     listed = ", ".join(tags[:MOST_TAGS]) + (", ..." if len(tags) > MOST_TAGS else "")
     noun = f"tag{'s' if len(tags) > 1 else ''} {listed}"
@@ -171,7 +170,6 @@ def _box(problem: Problem, cells: NDArray[np.intp]) -> NDArray[np.float64]:
 
 
 def loose_among(problem: Problem, parts: Parts) -> list[LoosePart]:
-    """Parts with a free rigid motion."""
     result = []
     for name, tags, matrix in zip(parts.names, parts.tags, parts.gram, strict=True):
         if motions := _motions_in_words(matrix, problem):

@@ -18,9 +18,6 @@ def check_differentiable(problem: Problem, options: _Options, resumed: bool) -> 
 
     Args:
         resumed: Whether it continues the history of an earlier one.
-
-    Raises:
-        ValueError: it cannot; the message says why, and what to do.
     """
     parts, reason = problem.discretization, None
     if parts.bodies.points is not None:

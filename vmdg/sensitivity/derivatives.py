@@ -67,10 +67,6 @@ class Derivatives:
         problem: The problem, in its initial state or at the end of a run with the same parameters.
         names: Names of the parameters, or values by name, see :mod:`.parameters`.
         energy: Whether derivatives of dissipated energies and external work are needed.
-
-    Raises:
-        ValueError: there is no such parameter, or the problem was already solved without
-            derivatives.
     """
 
     def __init__(self, problem: Problem, names: Sequence[str] | Mapping[str, float], energy: bool):
@@ -94,7 +90,6 @@ class Derivatives:
             step.rates = Rates({one.name: self._first(one) for one in self._parameters})
 
     def _first(self, parameter: Parameter) -> Rate:
-        """Rates of the initial state."""
         zero = np.zeros_like(self._problem.u.x.array)
         histories = []
         for i, active in enumerate(self._actives):
@@ -306,7 +301,6 @@ class Derivatives:
         return replace(found, works=tuple(works))
 
     def columns(self, row: Mapping[str, Any], watched: Row, energies: Row | None) -> dict[str, Any]:
-        """Derivatives of a row of the history, see :meth:`.Rows.columns`."""
         return self._rows.columns(row, watched, energies)
 
 

@@ -34,16 +34,7 @@ MOVE = 1e-6
 
 
 class Neighbours:
-    """States near the current one of a problem, to which it returns; all methods are collective.
-
-    Args:
-        problem: The problem.
-
-    Attributes:
-        problem: As given.
-        parts: Its discretization.
-        actives: Its active interfaces.
-    """
+    """States near the current one of a problem, to which it returns; all methods are collective."""
 
     def __init__(self, problem: Problem):
         self.problem, self.parts = problem, problem.discretization
@@ -125,13 +116,7 @@ class Neighbours:
         stabilizations: Sequence[Stabilization],
         given: Sequence[Trial],
     ) -> list[Trial]:
-        """Rates of the input of return maps at fixed displacement.
-
-        Args:
-            parameter: The parameter.
-            histories, stabilizations: Their rates.
-            given: The input.
-        """
+        """Rates of the input of return maps at fixed displacement."""
         if parameter.of_body:
             ends = []
             for h in (CHANGE, -CHANGE):
@@ -195,8 +180,6 @@ class Neighbours:
         """dR/dp where tau_s or moduli change, owned dofs [N].
 
         Args:
-            parameter: The parameter.
-            stabilizations, values: Their rates.
             here: Forces of the interfaces in the present state.
         """
         values = [replace(one, update=None) for one in values]

@@ -131,7 +131,6 @@ class BodyParameter(Parameter):
 
     @property
     def _names(self) -> tuple[str, ...]:
-        """Parameters of the material that change."""
         return ("mu", "lmbda") if self._field in _OF_LAME else (self._field,)
 
     @property
@@ -197,12 +196,6 @@ class _Place:
 
 
 def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) -> list[Parameter]:
-    """The parameters of these names, or of these with values other than their own.
-
-    Raises:
-        ValueError: there is no such parameter, or its value is zero.
-        TypeError: names are not a list of text.
-    """
     texts = not isinstance(names, str) and all(isinstance(name, str) for name in names)
     if not texts or not len(names):
         raise TypeError(
@@ -229,12 +222,10 @@ def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) 
 
 
 def parameter_names(problem: Problem) -> list[str]:
-    """Names of all parameters of a problem."""
     return [f"{place}.{field}" for place, one in _places(problem).items() for field in one.fields]
 
 
 def _places(problem: Problem) -> dict[str, _Place]:
-    """All names before the dot."""
     places: dict[str, _Place] = {}
     by_class: dict[str, list[int]] = {}
     for i, name in enumerate(interface_names(problem.interfaces)):

@@ -102,7 +102,6 @@ class PointRates:
             self._slopes.append(replace(slope, gap=C[..., j], traction=traction))
 
     def at_rest(self) -> list[PointValues]:
-        """Of every parameter at fixed displacement."""
         return [self._point_values(k, rate) for k, rate in enumerate(self._rates)]
 
     def along(self, moves: Sequence[Trial]) -> list[PointValues]:
@@ -121,7 +120,6 @@ class PointRates:
         return self._update(move, k).softening
 
     def _update(self, move: Trial, k: int | None) -> Update:
-        """Of the return map, as :meth:`softening`."""
         ways = _load_rate(self._given, move) / self._size[:, None]
 
         def sum_of(*parts: Array) -> Array:
@@ -157,7 +155,6 @@ def _without_tangents(update: Update) -> Update:
 
 
 def _changing(active: ActiveInterface, changes: Sequence[Change]) -> NDArray[np.intp]:
-    """Points other than those that are intact and stay so."""
     update, history = active.values.update, active.history
     moves = update.tangent.any(axis=(1, 2)) | update.gap.any(axis=1) | history.gap.any(axis=1)
     moves |= (update.softening > 0) | (update.mode != history.mode)

@@ -22,12 +22,7 @@ FAR = 1e-4
 
 
 class Rows:
-    """Derivatives of rows by parameters; all methods are collective.
-
-    Args:
-        neighbours: Of the problem.
-        parameters: The parameters.
-    """
+    """Derivatives of rows by parameters; all methods are collective."""
 
     def __init__(self, neighbours: Neighbours, parameters: Sequence[Parameter]):
         self._neighbours, self._problem = neighbours, neighbours.problem

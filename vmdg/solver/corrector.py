@@ -58,7 +58,6 @@ class Corrector:
 
     @property
     def system(self) -> System:
-        """Its linear systems."""
         return self._system
 
     @property
@@ -264,7 +263,6 @@ class _Newton:
         return np.append(self._iterate.forces(), 0.0)
 
     def correction(self, residual: Array) -> Array:
-        """By block elimination."""
         return -packed(self._correct(-residual[:-1]))
 
     def product(self, way: Array) -> Array:
@@ -314,7 +312,6 @@ class _Newton:
         return max(min(goal, self._numbers.small * scales.reaction), floor)
 
     def _met(self) -> bool:
-        """Whether an equilibrium is at the end of the step."""
         limits, now, missed = self._iterate.limits, self._iterate.reach(), self._numbers.missed
         if not self._iterate.parameter.moves or limits.target == limits.start:
             return True

@@ -76,7 +76,6 @@ class Iterate:
     # Moves
 
     def place(self) -> Direction:
-        """Current displacement and parameter."""
         return Direction(self._problem.u.x.array[: self._owned].copy(), self.parameter.value)
 
     def visit(self, place: Direction) -> None:
@@ -191,7 +190,6 @@ class Iterate:
         return Reach(self.parameter.value, self._work(), way)
 
     def rates(self, direction: Direction, work: float = 0.0) -> Reach:
-        """Rates of the limits along a direction, with additional work."""
         along = 0.0 if self.along is None else direction.u @ self.along
         done, felt, along = global_sum(self._comm, [*self._work_along(direction), along])
         # Where the last bonds have come off, its sign would be chance, and with it the direction.

@@ -93,14 +93,12 @@ class Limits:
     jump: Jump | None = None
 
     def __str__(self) -> str:
-        """Description of the limits other than the target."""
         work, way = f"{self.work:.4g} N mm on bonds", f"{self.way:.4g} mm"
         parts = [text for text, x in ((work, self.work), (way, self.way)) if x < math.inf]
         return f"at most {' and '.join(parts)}" if parts else "by load"
 
     @property
     def length(self) -> float:
-        """Distance to the target."""
         return abs(self.target - self.start)
 
     @property
@@ -110,12 +108,10 @@ class Limits:
 
     @property
     def by_load_alone(self) -> bool:
-        """Whether the parameter is the only limit."""
         return self.work == self.way == math.inf
 
     @property
     def at_onset(self) -> bool:
-        """Whether the step ends at the onset of damage."""
         return self.work < self.onset
 
     def ending_at_onset(self) -> Limits:

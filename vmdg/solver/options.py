@@ -54,7 +54,6 @@ VALUES = {
 
 
 def _petsc_option(item: tuple[object, object]) -> bool:
-    """Whether these are the name and the value of an option."""
     name, value = item
     return isinstance(name, str) and bool(name) and isinstance(value, str | Real | None)
 

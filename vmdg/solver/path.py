@@ -51,7 +51,6 @@ class Stage:
 
     @property
     def span(self) -> float:
-        """Size of the stage."""
         return abs(self.target - self.start)
 
     def ahead(self, t: float, other: float) -> float:
@@ -66,7 +65,6 @@ class Stage:
         return replace(self, leapt=leapt, traces=self.traces or len(leapt) > numbers.patience)
 
     def done(self, t: float) -> float:
-        """Completed fraction of the stage."""
         if t == self.target:
             return 1.0
         return min(max((t - self.start) / (self.target - self.start), 0.0), 1.0)
@@ -122,9 +120,6 @@ class Path:
 
         Beyond a limit point steps are buffered until it is clear whether it is a real snap: they
         become rows if the load exceeds it again, as when points break one by one.
-
-        Raises:
-            StepFailure: a step fails after the maximum number of reductions.
         """
         problem, step = self._problem, self._problem.step
         stage, crest = self._set_out(target), Crest()
@@ -158,13 +153,11 @@ class Path:
                 stage = self._set_out(target)
 
     def _rows(self, kept: list[tuple[Part, Snapshot]]) -> Iterator[Part]:
-        """Buffered steps."""
         for part, state in kept:
             self._problem.step.return_to(state)
             yield part
 
     def _set_out(self, target: float) -> Stage:
-        """The stage to a load factor."""
         problem, loading, options = self._problem, self._problem.loading, self._options
         start, step, steps = problem.t, problem.step, self._steps
         step.set_out()
@@ -235,7 +228,6 @@ class Path:
         return Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0)
 
     def _limits(self, stage: Stage) -> Limits:
-        """Limits of a first attempt."""
         size, scales = self._size, self._problem.step.scales
         limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
         if stage.follows:

@@ -47,7 +47,6 @@ class Counts:
         return cls(**counts, krylov=krylov)
 
     def __str__(self) -> str:
-        """The nonzero counts in a line."""
         done = {name.replace("_", " "): number for name, number in asdict(self).items() if number}
         return ", ".join(f"{number} {name}" for name, number in done.items())
 

@@ -118,7 +118,6 @@ def _row(
     result: Result,
     derivatives: Derivatives | None,
 ) -> dict[str, Any]:
-    """The row of a converged step."""
     number = len(result.history) + 1
     row, more = common_columns(problem, "load [-]", part.attempt, number, part.cuts, options.energy)
     row |= {"jump_steps [-]": part.jumps} | more
