@@ -10,7 +10,7 @@ from mpi4py import MPI
 import basix
 import numpy as np
 from dolfinx import la
-from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
+from dolfinx.cpp.graph import AdjacencyList_int32
 from dolfinx.graph import partitioner
 from dolfinx.mesh import to_string
 from numpy.typing import NDArray
@@ -24,8 +24,6 @@ GraphPartitioner = Callable[[MPI.Comm, int, Any, bool], Any]
 
 #: Communicator, number of parts, types of cells and their nodes; ranks of the cells, owners first.
 CellPartitioner = Callable[[MPI.Comm, int, Any, Any], Any]
-
-Weigh = Callable[[NDArray[np.int64], NDArray[np.int32]], NDArray[np.int32]]
 
 
 def cell_partitioner(graph_partitioner: GraphPartitioner | None = None) -> CellPartitioner:
@@ -97,64 +95,6 @@ def _everywhere(
     order = np.argsort(cells, kind="stable")
     offsets = np.concatenate([[0], np.cumsum(np.bincount(cells, minlength=len(counts)))])
     return AdjacencyList_int32(ranks[order], offsets.astype(np.int32))
-
-
-def weighted(weigh: Weigh) -> GraphPartitioner:
-    """A graph partitioner with cell weights.
-
-    DOLFINx's partitioners take no weights. So a cell of weight w is given w - 1 leaves, graph nodes
-    connected to the cell only: parts with equal numbers of nodes have equal weights, and minimising
-    cut edges keeps leaves and cell together. For ``create_cell_partitioner`` of DOLFINx.
-
-    Args:
-        weigh: Integer weights of the cells, at least 1, from the neighbours of this rank's cells
-            and their offsets.
-    """
-
-    def partition(comm: MPI.Comm, parts: int, graph: Any, ghosting: bool) -> Any:
-        cells = len(graph.offsets) - 1
-        leaves = weigh(graph.array, graph.offsets) - 1
-        found = partitioner()(comm, parts, with_leaves(comm, graph, leaves), ghosting)
-        offsets = found.offsets[: cells + 1]
-        return AdjacencyList_int32(found.array[: offsets[-1]], offsets)
-
-    return partition
-
-
-def with_leaves(comm: MPI.Comm, graph: Any, leaves: NDArray[np.int32]) -> AdjacencyList_int64:
-    """The graph with this number of leaves at every node; the leaves of a rank follow its nodes."""
-    nodes, new = len(leaves), int(leaves.sum())
-    counts = np.array(comm.allgather((nodes, new)))
-    before = np.concatenate([np.zeros((1, 2), dtype=np.int64), np.cumsum(counts, axis=0)])
-    first = before[comm.rank].sum()
-    neighbours = np.asarray(graph.array)
-    owner = np.searchsorted(before[:, 0], neighbours, side="right") - 1
-    parents = np.repeat(np.arange(nodes), leaves)
-    names = np.arange(new) + nodes
-    begins = np.concatenate([np.repeat(np.arange(nodes), np.diff(graph.offsets)), parents, names])
-    ends = np.concatenate([neighbours + before[owner, 1], first + names, first + parents])
-    order = np.argsort(begins, kind="stable")
-    offsets = np.concatenate([[0], np.cumsum(np.bincount(begins, minlength=nodes + new))])
-    return AdjacencyList_int64(ends[order].astype(np.int64), offsets.astype(np.int32))
-
-
-def between_bodies(tags: NDArray[np.int32], weight: int) -> Weigh:
-    """Give cells next to another body a weight, all others weight 1.
-
-    Args:
-        tags: Bodies of all cells, in the order in which one rank passes them to ``create_mesh``.
-    """
-    if weight < 1:
-        raise ValueError(f"between_bodies: weight = {weight} must be at least 1")
-
-    def weigh(neighbours: NDArray[np.int64], offsets: NDArray[np.int32]) -> NDArray[np.int32]:
-        count = np.diff(offsets)
-        cells = np.repeat(np.arange(len(count)), count)
-        weights = np.ones(len(count), dtype=np.int32)
-        weights[cells[tags[cells] != tags[neighbours]]] = weight
-        return weights
-
-    return weigh
 
 
 def slabs(coordinate: NDArray[np.float64]) -> GraphPartitioner:

@@ -229,15 +229,14 @@ def _gmshio() -> Any:
     return gmshio
 
 
-def gmsh_cells(model: Any, gdim: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Tags (n,) and midpoints (n, 3) of the cells of a gmsh model, in the order they are sent."""
+def gmsh_midpoints(model: Any, gdim: int) -> NDArray[np.float64]:
+    """Midpoints (n, 3) of the cells of a gmsh model, in the order they are sent."""
     gmshio = _gmshio()
     topologies = gmshio.extract_topology_and_markers(model)
     topologies = topologies[0] if isinstance(topologies, tuple) else topologies
     for element, values in topologies.items():
         if model.mesh.getElementProperties(element)[1] == gdim:
-            corners = gmshio.extract_geometry(model)[values["topology"]]
-            return np.asarray(values["cell_data"], dtype=np.int32), corners.mean(axis=1)
+            return gmshio.extract_geometry(model)[values["topology"]].mean(axis=1)
     raise ValueError(f"the gmsh model has no cells of dimension {gdim} in a physical group")
 
 

@@ -17,7 +17,7 @@ from parts.verification.checks import Check, compare, describe
 
 import vmdg
 from vmdg.meshes import plates
-from vmdg.meshes.plates import INTERFACE, RIGHT, UPPER_LEFT
+from vmdg.meshes.beams import INTERFACE, RIGHT, UPPER_LEFT
 
 
 @dataclass(frozen=True)
