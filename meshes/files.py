@@ -22,7 +22,7 @@ from dolfinx.mesh import Mesh, create_mesh, meshtags
 from numpy.typing import NDArray
 
 from vmdg.base.parallel import warn_together
-from vmdg.base.words import checked_path, near_keywords
+from vmdg.base.words import checked_path
 from vmdg.domain.tags import NamedTags, names_of
 
 from .abaqus import read_abaqus
@@ -56,7 +56,6 @@ BEGIN, END = (b"$MeshFormat", b"$NOD", b"$Comments"), (b"$EndElements", b"$ENDEL
 T = TypeVar("T")
 
 
-@near_keywords(tags="cell_tags", physical="groups", tolerance="merge")
 def read_mesh(
     path: str | Path,
     comm: MPI.Comm = MPI.COMM_WORLD,

@@ -179,18 +179,10 @@ class Discretization:
         return weak.compile(weak.bulk_residual(eta), "bodies' residual", UNROLLED)
 
     @cached_property
-    def _axial_test(self) -> Expr:
-        """Test function of F_33, one dof per cell: the forces on them are summed."""
-        return ufl.TestFunction(fem.functionspace(self.mesh, ("DG", 0)))
-
-    @cached_property
     def _axial_residual(self) -> fem.Form:
-        form = self.weak_form.bulk_residual(self._axial_test)
+        """The force on F_33, a number: that of a unit of its test function."""
+        form = self.weak_form.bulk_residual(fem.Constant(self.mesh, 1.0))
         return self.weak_form.compile(form, "force along z")
-
-    def _axial_force(self, form: fem.Form) -> float:
-        """This rank's sum of a vector of :attr:`_axial_test`."""
-        return float(fem.assemble_vector(form).array.sum())
 
     @cached_property
     def _add_bodies(self) -> Callable[[PETSc.Mat], None]:
@@ -221,7 +213,7 @@ class Discretization:
         GRAD eta : A : E and E : A : GRAD eta of the bodies, on nodes and on F_33."""
         weak, n = self.weak_form, self.mesh.geometry.dim + self._axial
         E = fem.Constant(self.mesh, np.zeros((n, n)))
-        tests = [ufl.TestFunction(self._test_space), *[self._axial_test] * self._axial]
+        tests = [ufl.TestFunction(self._test_space), *[fem.Constant(self.mesh, 1.0)] * self._axial]
 
         def compiled(tangent: Callable[[Expr, Expr], ufl.Form]) -> list[fem.Form]:
             sums = [tangent(weak.geometry.gradient(eta), E) for eta in tests]
@@ -344,7 +336,7 @@ class Discretization:
             fem.assemble_vector(vector, self._bulk_residual if bulk is None else bulk)
             axial = self._add_interfaces(vector)
             if self._axial:
-                axial += self._axial_force(self._axial_residual)
+                axial += fem.assemble_scalar(self._axial_residual)
             self._add_nodal_forces(vector, axial, forces.array)
             if self.surface.sprung:
                 forces.array[:] += self.surface.spring_vector()
@@ -425,7 +417,7 @@ class Discretization:
         total = fem.Function(self.space).x
         forces = self._nodal_forces(total.array)
         if self._axial:
-            axial = self._axial_force(forms[1])
+            axial = fem.assemble_scalar(forms[1])
         fem.assemble_vector(forces, forms[0])
         dofs = self._test_space.dofmap.list
         fluxes = [

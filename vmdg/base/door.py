@@ -43,6 +43,22 @@ _ENERGY = (
 _ELSEWHERE = {name: _ENERGY for name in ("fracture_energy", "G_c", "Gc", "GIc", "toughness")}
 _ELSEWHERE |= {name: _BULK for name in ("K", "G", "kappa", "bulk_modulus", "shear_modulus")}
 
+#: Arguments by other names: those of PETSc and DOLFINx, and of what is close to them.
+_OTHERWISE = {
+    "SolveOptions": {
+        **dict.fromkeys(("rtol", "snes_rtol", "tolerance", "tol"), "relative_tolerance"),
+        **dict.fromkeys(("max_it", "snes_max_it", "maxiter"), "max_iterations"),
+        "solver_options": "petsc",
+    },
+    "Interface": {
+        "tags": "between",
+        "groups": "between",
+        "tag": "within",
+        "group": "within",
+        "material": "law",
+    },
+    "read_mesh": {"tags": "cell_tags", "physical": "groups", "tolerance": "merge"},
+}
 _SHORT = Repr()
 _SHORT.maxother = _SHORT.maxstring = 80
 
@@ -150,7 +166,8 @@ def _miscalled(
         return error
     names = [one for one, _ in kinds]
     for unknown in (word for word in keywords if word not in names):
-        meant, (formula, needed) = near(unknown, names), _ELSEWHERE.get(unknown, ("", []))
+        meant = near(unknown, names, _OTHERWISE.get(name))
+        formula, needed = _ELSEWHERE.get(unknown, ("", []))
         if formula and not meant and {*needed} <= {*names}:
             meant = f": {formula}"
         meant = meant or f"; it takes {', '.join(names)}"

@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.words import near_keywords
 from ..domain.tags import Group
 from ..domain.topology import LevelSet, Locator
 from ..laws import Law
@@ -53,7 +52,6 @@ class StabilizationContext:
     area: NDArray[np.float64]
 
 
-@near_keywords(tags="between", groups="between", tag="within", group="within", material="law")
 class Interface:
     """A set of interior facets across which the displacement may jump, with its law.
 
