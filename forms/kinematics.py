@@ -116,7 +116,6 @@ class Body:
 
     @property
     def elastic(self) -> Body:
-        """The body whose moduli bound those of this one, by which it is stabilized."""
         if self.points is None:
             return self
         return replace(self, points=None, incremental=not self.small)
@@ -197,7 +196,6 @@ class Body:
 
     @property
     def pointwise(self) -> Body:
-        """The same body without mean dilatation."""
         return replace(self, mean_dilatation=False)
 
     def effective(self, F: Expr) -> Expr:

@@ -228,7 +228,6 @@ def _elements(
 
 
 def _kind(type_: str) -> tuple[int, int, int]:
-    """Dimension, type in gmsh and number of nodes of an element of Abaqus."""
     beam = re.fullmatch(r"B[23]([12])[A-Z]*", type_)
     if beam:
         return (*_LINES[int(beam[1]) + 1], int(beam[1]) + 1)

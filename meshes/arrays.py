@@ -325,7 +325,6 @@ def one_group_each(mesh: MeshArrays, groups: Collection[str | int] | None) -> Me
 
 
 def _only(mesh: MeshArrays, groups: Collection[str | int]) -> MeshArrays:
-    """Remove cells and facets of other groups from their groups."""
     there = sorted({(block.dim, block.group) for block in mesh.blocks if block.group})
     called = {key: {mesh.called(*key), str(mesh.tag(*key))} for key in there}
     wanted = {group: repr(group) for group in groups}

@@ -144,7 +144,6 @@ def _build(
         planes: Positions of the nodes along all axes but the last.
         slit: First and last of the planes across the first axis at the slit; its faces share the
             last one, and the first one where that is not the end of the arms.
-        halved: Whether quadrilaterals become two triangles each.
     """
     begin, tip = slit
     (low, high), counts = np.broadcast_to(height, 2), np.broadcast_to(rows, 2)

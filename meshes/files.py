@@ -232,7 +232,6 @@ def _load(
 def _arrays(
     path: Path, gmsh_model: Any, cell_tags: str | None, facet_tags: str | None
 ) -> tuple[MeshArrays, bool]:
-    """The mesh of a file, and whether it differs from the one that gmsh has loaded."""
     with bounded(_size(path)):
         if path.suffix.lower() in (".msh", ".unv"):
             with alone(path) as copy:
@@ -353,7 +352,6 @@ def _physical_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
 
 
 def shifted(tagged: TaggedMesh, shift: int) -> TaggedMesh:
-    """The mesh with the cell tags of the file."""
     if not shift:
         return tagged
     mesh, cells, facets = tagged

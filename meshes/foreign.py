@@ -54,7 +54,6 @@ def meshio() -> ModuleType:
 
 
 def endings() -> tuple[str, ...]:
-    """Suffixes of the files that meshio reads."""
     return tuple(sorted(meshio().extension_to_filetypes))
 
 

@@ -86,7 +86,6 @@ def _apart(
         centres: (n, dim).
         radii: Radii of the balls (n,).
         periodic: Whether balls leave and enter; otherwise they stay inside.
-        sweeps: Moves of all balls before giving up.
         aim: Extra distance of separated pairs, in radii, so that the sweeps end.
     """
     if 2 * radii.max() > size:  # a ball touches two sides, or its own image

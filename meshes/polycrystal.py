@@ -96,7 +96,6 @@ def polycrystal(
 
 
 def _geometry(gmsh_model: Any, grains: Tessellation, size: float, periodic: bool) -> None:
-    """Bodies, their groups, and matching sides."""
     geo, dim = gmsh_model.geo, grains.points.shape[1]
     faces = _faces(geo, grains)
     bodies: dict[int, list[int]] = {}

@@ -173,7 +173,6 @@ def _filled(geo: Any, loop: list[int]) -> int:
 
 
 def _name(scene: Any, dim: int, bodies: Sequence, sides: Sequence) -> None:
-    """Physical groups of the bodies and of the facets, with their names."""
     for d, groups, names in ((dim, bodies, ("fibre", "matrix")), (dim - 1, sides, SIDES)):
         for tag, (group, name) in enumerate(zip(groups, names, strict=False), start=1):
             scene.addPhysicalGroup(d, group, tag, name)

@@ -340,8 +340,6 @@ def _sense(corners: NDArray[np.float64], face: NDArray[np.int64]) -> int:
 
 
 def _triangles(face: tuple[int, ...], points: NDArray[np.float64]) -> list[tuple[int, ...]]:
-    """Triangulation of a polygon that maximises the quality of its worst triangle."""
-
     def goodness(i: int, j: int, k: int) -> float:
         x = points[[face[i], face[j], face[k]]]
         edges = x - np.roll(x, 1, axis=0)

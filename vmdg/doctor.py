@@ -95,7 +95,6 @@ def blas(maps: Path = Path("/proc/self/maps")) -> str:
 
 
 def threads(environment: Mapping[str, str] = os.environ) -> str:
-    """Threads a rank may start, and cores it may use."""
     wanted = environment.get("OMP_NUM_THREADS")
     given = f"OMP_NUM_THREADS={wanted}" if wanted else "as many as cores (OMP_NUM_THREADS unset)"
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
@@ -204,7 +203,6 @@ def temporary(comm: MPI.Comm) -> Iterator[Path]:
 
 
 def check_packages(comm: MPI.Comm, find: Callable = find) -> str:
-    """Check that all required packages are installed in supported versions."""
     versions = {}
     for name, source in REQUIRED.items():
         versions[name], why = find(name)
@@ -244,7 +242,6 @@ def check_petsc(comm: MPI.Comm, has: Mapping[str, bool] | None = None) -> str:
 
 
 def check_kernels(comm: MPI.Comm) -> str:
-    """Compile forms, or find them in the cache."""
     from .base import kernels
 
     before = len(kernels.requested)

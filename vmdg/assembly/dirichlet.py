@@ -93,7 +93,6 @@ class _Condition:
         dofs: Component-wise numbers (n, components).
         base: Displacement to which the value is added (n, components) [mm].
         points: Positions of the nodes (3, n).
-        what: The call by which it was given.
         takes_points: Whether the value is f(x, t).
     """
 
@@ -118,9 +117,6 @@ class DirichletConditions:
 
     Args:
         zeros: Local dofs (component-wise numbers) fixed at zero, which overrides other conditions.
-
-    Attributes:
-        dofs: Prescribed local dofs (component-wise numbers), ghosts included, ascending.
     """
 
     kind = "a prescribed displacement"
@@ -132,7 +128,6 @@ class DirichletConditions:
         self.fix(zeros)
 
     def fix(self, zeros: NDArray[np.int32]) -> None:
-        """Fix other local dofs at zero than before."""
         self._zeros = zeros
         every = [zeros, *(one.dofs.ravel() for one in self._conditions)]
         self.dofs = np.unique(np.concatenate(every)).astype(np.int32)

@@ -33,7 +33,6 @@ class _Load:
         density: Integrand against the test function, UFL (d,).
         points: If ``value`` is f(x, t), the nodes (3, n) at which it is evaluated, otherwise None.
         dofs: Nodes of ``density`` that belong to ``points``.
-        what: The call by which it was given.
     """
 
     entities: NDArray[np.int32]
@@ -63,7 +62,6 @@ class _Force:
     Attributes:
         dofs: Component-wise numbers of owned nodes (n, components).
         spread: Forces on them by the components of the value (n, components, components).
-        what: The call by which it was given.
     """
 
     dofs: NDArray[np.int32]

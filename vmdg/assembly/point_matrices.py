@@ -79,7 +79,6 @@ def add_couplings(
     cells = np.ascontiguousarray(active.couplings.reshape(-1, 4)[:, [0, 2]])
 
     def blocks(field: Field) -> tuple[NDArray[np.int32], int]:
-        """Of the field in both cells, and how many numbers they have."""
         if field is FacetJets.dilatation:
             return cells, 2
         nodes = jets.nodes_of(cells)

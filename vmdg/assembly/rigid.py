@@ -77,7 +77,6 @@ class RigidFaces:
     """The rigid faces of a space.
 
     Attributes:
-        faces: In the order in which they were given.
         columns: T.Z of all faces over owned dofs (p, owned).
     """
 

@@ -90,7 +90,6 @@ def renumbered(
 
 
 def facet_closure(space: fem.FunctionSpace) -> NDArray[np.int32]:
-    """Dofs of a cell on each of its facets, (facets of a cell, dofs of a facet)."""
     layout = space.dofmap.dof_layout
     fdim = space.mesh.topology.dim - 1
     facets = basix.topology(space.mesh.basix_cell())[fdim]

@@ -43,11 +43,7 @@ BROKEN = 0.99
 
 @dataclass(frozen=True)
 class _Term:
-    """Forces that depend on the displacement.
-
-    Attributes:
-        forces: Form in eta; restoring forces are positive.
-    """
+    """Forces that depend on the displacement."""
 
     forces: ufl.Form
     u: fem.Function
@@ -71,7 +67,6 @@ class _Term:
         fem.assemble_vector(vector, self._vector_form)
 
     def add_tangent(self, matrix: PETSc.Mat) -> None:
-        """Add the derivative of the forces by the displacement, not assembled."""
         fem_petsc.assemble_matrix(matrix, self._tangent_form)
 
 
@@ -122,11 +117,7 @@ class _Pressure:
 
 
 class Surface:
-    """Pressures and springs on the boundary, pressures on the crack faces of interfaces.
-
-    Attributes:
-        fluids: Interfaces with a fluid between their faces.
-    """
+    """Pressures and springs on the boundary, pressures on the crack faces of interfaces."""
 
     kind = "a pressure"
 
@@ -248,7 +239,6 @@ class Surface:
         return K
 
     def _ds(self, facets: NDArray[np.int32]) -> ufl.Measure:
-        """Measure over the owned boundary facets among these."""
         rows = boundary_rows(self._mesh, facets)
         return ufl.Measure(
             "ds",
@@ -290,7 +280,6 @@ class Surface:
             yield Part("pressure", pressure.at(t), pressure.places)
 
     def apply(self, values: Array) -> None:
-        """Set these pressures, ordered as in :meth:`values`."""
         ends = np.cumsum([0, *(len(pressure.dofs) for pressure in self._pressures)])
         for pressure, start, end in zip(self._pressures, ends, ends[1:], strict=False):
             pressure.set(values[start:end])

@@ -21,8 +21,6 @@ class Part(NamedTuple):
     """Values of one user-defined load or support at a load factor, on this rank.
 
     Attributes:
-        what: The call by which it was given.
-        values: One row per place, or other values.
         places: Positions (3, n), or a single one for all; n may be 0.
     """
 

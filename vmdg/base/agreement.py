@@ -157,7 +157,6 @@ def of_all_ranks(method: Callable[..., T]) -> Callable[..., T]:
 
 
 def _first_error(comm: MPI.Comm, mine: BaseException | None) -> bytes | None:
-    """The error of the lowest failing rank, pickled."""
     packed = None if mine is None else _packed(mine, comm.rank)
     if comm.rank > 0:
         request = comm.isend(packed, 0, _TAG)

@@ -84,7 +84,6 @@ class Claim:
         return file
 
     def release(self) -> None:
-        """Release the lock; a second call has no effect."""
         if self._file is not None:
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(self._file.fileno()), os.lstat(self._path)):

@@ -204,7 +204,6 @@ def _hint(function: Callable[..., Any], argument: str) -> Any:
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Whether a value has the type of an annotation, as far as this can be seen."""
     origin, parts = get_origin(hint), get_args(hint)
     if hint in (Any, inspect.Parameter.empty) or isinstance(hint, TypeVar):
         return True

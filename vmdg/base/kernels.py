@@ -181,7 +181,6 @@ def compile_expression(
 
 
 def _signature(expression: Expr, points: NDArray[np.float64]) -> str:
-    """Name of an expression at points, without the running numbers of its fields."""
     return compute_signature([(expression, points)], "")
 
 
@@ -427,7 +426,6 @@ def _open_to_others(path: Path) -> bool:
 
 
 def _is_whole(library: Path) -> bool:
-    """Whether a library of Linux is as long as its header says."""
     with library.open("rb") as file:
         header = file.read(64)
     if sys.platform != "linux":

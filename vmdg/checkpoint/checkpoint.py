@@ -101,11 +101,7 @@ def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
 
 
 def warn_of_replacement(comm: MPI.Comm, folder: str | Path) -> None:
-    """Warn if a run from the start would replace the checkpoint of another; collective.
-
-    Args:
-        folder: For the checkpoints of the new run.
-    """
+    """Warn if a run from the start would replace the checkpoint of another; collective."""
     place, message = checked_path("checkpoint: folder", folder), None
     if comm.rank == 0 and place.is_dir():
         try:

@@ -229,7 +229,6 @@ def _name_latest(folder: Path, line: str) -> None:
 
 
 def _write(path: Path, parts: Iterable[bytes | NDArray]) -> str:
-    """Write a file of these parts and sync it to disk; return its checksum."""
     with path.open("xb") as file:
         return _write_to(file, parts)
 

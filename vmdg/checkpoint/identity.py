@@ -87,7 +87,6 @@ def _described(item: object, parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
-    """Differences, one line per item: name, stored and current value."""
     names = dict.fromkeys([*stored, *present])
     return [
         f"{name}: {stored.get(name, 'nothing')} there, {present.get(name, 'nothing')} here"

@@ -264,7 +264,6 @@ def _facets_of_cell(mesh: Mesh) -> int:
 
 
 def _input_numbers(mesh: Mesh) -> NDArray[np.int64]:
-    """Numbers of the cells of this rank in the input of the mesh, ghosts last."""
     return np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
 
 

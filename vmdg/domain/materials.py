@@ -141,7 +141,6 @@ class Bodies:
 
     @property
     def fields(self) -> list[fem.Function]:
-        """Fields other than the displacement on which the stress depends."""
         geometry = self.geometry
         mean = [geometry.theta, geometry.pressure] if isinstance(geometry, MeanDilatation) else []
         return mean if self._eigenstrain is None else [self._eigenstrain, *mean]
@@ -188,7 +187,6 @@ class Bodies:
         return float(bounds.min(initial=1.0))
 
     def set_eigenstrains(self, values: NDArray[np.float64]) -> None:
-        """Set eigenstrains, as returned by :meth:`eigenstrains`, times the factors of groups."""
         if self._eigenstrain is not None:
             self._eigenstrain.x.array[:] = values
             size = self._eigenstrain.function_space.dofmap.index_map_bs

@@ -395,7 +395,6 @@ class PointBodies:
     # Steps
 
     def renew(self) -> None:
-        """The current moduli are those of the adjoint term from now on."""
         self.take(_with(self.state, frozen=self._piola_moduli(self.state, slice(None))))
 
     def commit(self) -> None:

@@ -67,7 +67,6 @@ def tags_of_cells(mesh: Mesh, cell_tags: MeshTags) -> NDArray[np.int32]:
 
 
 def mark_everywhere(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Mark entities on every rank that holds them if they are marked on any of these ranks."""
     marks = la.vector(mesh.topology.index_map(dim), dtype=np.int32)
     marks.array[entities] = 1
     marks.scatter_reverse(la.InsertMode.add)

@@ -132,7 +132,6 @@ class Law(ABC):
         """
 
     def __str__(self) -> str:
-        """As its repr, with functions and arrays abbreviated."""
         if not is_dataclass(self):
             return repr(self)
         values = ((field.name, getattr(self, field.name)) for field in fields(self) if field.repr)

@@ -253,7 +253,6 @@ class LinearSolver:
         self.renew()
 
     def renew(self) -> None:
-        """Rebuild the preconditioner in the next solve."""
         self._excess = math.inf
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, rtol: float) -> None:

@@ -99,7 +99,6 @@ class System:
             self._tangent = None
 
     def _release_means(self, prescribed: NDArray[np.int32]) -> None:
-        """Add the means that are not prescribed to the motions of rigid faces."""
         free = np.setdiff1d(self._means.owned_dofs, prescribed)
         motions = self._means.unit_vectors(self._comm.bcast(free))
         self._faces = np.concatenate([self._faces, free])
@@ -221,7 +220,6 @@ class System:
     def _solve_held(
         self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
     ) -> list[Array]:
-        """As :meth:`solve`, with rigid faces prescribed."""
         right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
         if not self.lags:
             self._hold()

@@ -227,7 +227,6 @@ class J2(Plastic):
         return np.exp(x), -np.expm1(x) / self._recovery
 
     def _faded_work(self, past: Array, N: Array, increment: Array, grown: Array) -> Array:
-        """The integral of a:a over alpha, of the a of :meth:`_faded`."""
         R = self._recovery
         first = grown - R * grown**2 / 2
         last = np.maximum(increment - grown - R * grown**2 / 2, 0.0) / R**2

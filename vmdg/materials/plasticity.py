@@ -136,7 +136,6 @@ class Plastic(PointMaterial):
     def __call__(
         self, deformation: Array, state: Array, dt: float = math.inf, small: bool = False
     ) -> Response:
-        """The return map of the step, see :class:`.PointMaterial`."""
         return (self._small if small else self._finite)(deformation, state, dt)
 
     def _small(self, strain: Array, state: Array, dt: float) -> Response:

@@ -188,7 +188,6 @@ class FieldWriter:
         self._do(lambda: self._writers.extend(map(_writer, self._files, written)))
 
     def _keep_earlier_files(self) -> None:
-        """Rename files of an earlier run with the first unused number."""
         if self._comm.rank > 0:
             return
         for file in filter(os.path.lexists, self._files):

@@ -277,7 +277,6 @@ class HistoryFile:
         self._replace()
 
     def _continues(self, path: Path) -> bool:
-        """Whether a file is empty, or begins with all rows of the history."""
         if not path.stat().st_size:
             return True
         try:
@@ -329,7 +328,6 @@ class HistoryFile:
         self._units = dict(self._history.units)
 
     def close(self) -> None:
-        """Close the file and release it for other runs."""
         self._close_file()
         if self._claim is not None:
             self._claim.release()

@@ -52,9 +52,6 @@ class LoadCalls:
     Functions passed on to the loading keep no reference to this object, nor to the loading: a
     reference cycle would keep meshes alive after a problem is deleted, and their communicators, of
     which MPICH has 2048.
-
-    Args:
-        names: Tag by name of the groups of cells.
     """
 
     def __init__(self, loading: Loading, activation: Activation, names: dict[str, int]):

@@ -33,12 +33,8 @@ _SYMMETRIC = 1e-12
 class Eigenstrain:
     """Stress-free strain of the cells of a tag; collective.
 
-    Args:
-        cells: Local cells of the tag, ghosts included.
-
     Attributes:
         tensor: Whether it is a tensor rather than a multiple of the identity.
-        uniform: Whether it is the same in all cells.
     """
 
     def __init__(self, mesh: Mesh, value: Any, cells: NDArray[np.int32], what: str):
@@ -79,12 +75,7 @@ def checked_eigenstrains(
     eigenstrain: Mapping[Group, Any] | None,
     names: Mapping[str, int],
 ) -> dict[int, Eigenstrain]:
-    """Eigenstrains by tag; collective.
-
-    Args:
-        tags: Tag of every local cell, ghosts included.
-        names: Tag by name of the groups of cells.
-    """
+    """Eigenstrains by tag; collective."""
     if not isinstance(eigenstrain or {}, Mapping):
         raise TypeError(
             f"Problem: eigenstrain = {eigenstrain!r} must be a dict of strains by cell tag, for "

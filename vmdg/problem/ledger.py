@@ -94,7 +94,6 @@ class Ledger:
     # The course of a step
 
     def settle(self) -> None:
-        """Accept the estimate of the pending work."""
         self.works = replace(self.works, pending=None)
 
     def begin(self, state: Snapshot, dt: float, slowed: bool, cycles: float) -> None:
@@ -203,7 +202,6 @@ class Ledger:
     # Entries other than steps
 
     def begin_path(self) -> None:
-        """The next step does not continue the last one."""
         self.works = replace(self.works, increment=None, pending=None)
 
     def follow(self, discretization: Discretization) -> None:

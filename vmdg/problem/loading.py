@@ -47,9 +47,6 @@ class Loading:
 
     What imposes them is kept, since facets that open on demand change the space.
 
-    Args:
-        names: Tag by name of the groups of cells.
-
     Attributes:
         nearby: Whether the state is for the moment one of a neighbouring value of a parameter, at
             which a monitor is differentiated.
@@ -101,7 +98,6 @@ class Loading:
             impose: Applies it in the current space. A function that refers to this object would
                 close a reference cycle, which keeps meshes alive after a problem is deleted, and
                 their communicators, of which MPICH has 2048.
-            cells: Local cells on which a load acts.
             of_means: Whether it acts on a mean, as allowed in a periodic cell.
         """
         if lattice_of(self.discretization.means) is not None and not of_means:
@@ -195,7 +191,6 @@ class Loading:
         return self.surface.pressurised
 
     def spread(self) -> None:
-        """Let fluids spread to broken bonds."""
         self.surface.spread()
         self.move(self.t)
 

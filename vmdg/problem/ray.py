@@ -34,7 +34,6 @@ class Ray:
         return (last - first) / (self.end - self.start)
 
     def changes(self, load: Load) -> bool:
-        """Whether a load differs between the ends, on this rank."""
         first, last = self.ends[load]
         return bool((first != last).any())
 

@@ -49,7 +49,6 @@ class Step:
         discretization: For the currently open facets; replaced when facets open.
         activation: Facets of the interfaces, and which of them are open.
         scales: Sizes of the run so far, which the solver updates.
-        start: State at the start of the last step.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
         rates: Derivatives of the converged state by parameters; None for none.
         rests_on_contact: Whether a body is constrained by contact alone; otherwise points without
@@ -387,7 +386,6 @@ class Step:
         return now
 
     def cancel(self) -> None:
-        """Return to the state before :meth:`begin`."""
         self.return_to(self.start)
         self._repeats = 0
 

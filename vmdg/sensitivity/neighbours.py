@@ -177,11 +177,7 @@ class Neighbours:
         values: Sequence[PointValues],
         here: Array,
     ) -> Array:
-        """dR/dp where tau_s or moduli change, owned dofs [N].
-
-        Args:
-            here: Forces of the interfaces in the present state.
-        """
+        """dR/dp where tau_s or moduli change, owned dofs [N]."""
         values = [replace(one, update=None) for one in values]
         if not (parameter.of_body or self.parts.bodies.mean_dilatation):
             with self.interfaces(NEAR, None, values, stabilizations), parameter.changed(NEAR):

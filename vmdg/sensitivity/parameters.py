@@ -68,7 +68,6 @@ class LawParameter(Parameter):
         self._laws: dict[float, list[tuple[Law, Law]]] = {}
 
     def _at(self, h: float) -> list[tuple[Law, Law]]:
-        """Laws of all active interfaces at their points and on their facets."""
         if h not in self._laws:
             self._laws[h] = [
                 (self._scaled(active.law, h), self._scaled(active.facets.law, h))
@@ -273,5 +272,4 @@ def _of_laws(problem: Problem, numbers: Sequence[int]) -> _Place:
 
 
 def _differs(value: Any) -> bool:
-    """Whether a parameter is a number, or numbers that vary, rather than a word or a switch."""
     return not (value is None or isinstance(value, bool | str))

@@ -214,7 +214,6 @@ def _mapped(law: Law, arguments: Sequence[Array], dt: float, *cycles: Array) -> 
 
 
 def _alike(law: Law, laws: Sequence[Law]) -> list[list[int]]:
-    """Laws that differ from one law by parameters that may vary from point to point, together."""
     fixed = [name for name in parameter_names(law) if not (_joins(law) and name in VARYING)]
     groups: dict[tuple, list[int]] = {}
     for i, one in enumerate(laws):
@@ -223,7 +222,6 @@ def _alike(law: Law, laws: Sequence[Law]) -> list[list[int]]:
 
 
 def _joins(law: Law) -> bool:
-    """Whether parameters may be arrays: a law from elsewhere may know numbers only."""
     return bool(law.varying) or type(law).__module__.startswith(_LAWS)
 
 
@@ -240,7 +238,6 @@ def _joined(law: Law, laws: Sequence[Law], count: int, rows: NDArray[np.intp]) -
 
 
 def _write(update: Update, found: Update, rows: NDArray[np.intp], part: slice) -> None:
-    """Copy a part of a return map into some rows of another one."""
     for field in fields(Update):
         mine, theirs = getattr(update, field.name), getattr(found, field.name)
         if mine is not None and theirs is not None:

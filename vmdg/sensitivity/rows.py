@@ -71,7 +71,6 @@ class Rows:
             ledger.works = works
 
     def works(self, parameter: Parameter, rate: Rate, last: Rate, h: float, before: Works) -> Works:
-        """Works at a neighbouring value of the parameter, up to the end of the step."""
         problem, ledger = self._problem, self._problem.step.ledger
         start, loads = ledger.begun
         t = start.t + h * last.t

@@ -44,7 +44,6 @@ class Attempt:
 
     @property
     def iterations(self) -> int:
-        """Newton corrections after the predictor."""
         return max(len(self.norms) - 1, 0)
 
     def failed(self, reason: str) -> Attempt:

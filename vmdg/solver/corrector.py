@@ -281,7 +281,6 @@ class _Newton:
         return length
 
     def test(self, norm: float) -> int:
-        """Convergence at the end of the step, or stagnation."""
         reaction = self._iterate.reaction()
         self._norms.append(norm)
         if not np.isfinite(norm + reaction):

@@ -86,7 +86,6 @@ class Iterate:
         self._discretization.update_means()
 
     def restart(self, limits: Limits) -> None:
-        """Return to the start, with zeta fixed again."""
         self.limits, self._mapped = limits, None
         self.visit(self.start)
         self._step.assemble_residual(self._dt, hold=True)
@@ -140,7 +139,6 @@ class Iterate:
         return onset
 
     def _begun(self, start: Direction, way: Direction, length: float) -> Names:
-        """The sound pieces in which damage has begun at a state."""
         self.map(start.plus(way, length))
         return self._pieces.begun(self.sound.points)
 
@@ -173,7 +171,6 @@ class Iterate:
 
     @property
     def _limited(self) -> Points:
-        """The points whose damage work is limited; empty for all."""
         return self.sound.points if self.limits.at_onset else self.sound.counted
 
     # Quantities
@@ -183,7 +180,6 @@ class Iterate:
         return self._problem.u.x.array[: self._owned] - self.start.u
 
     def reach(self) -> Reach:
-        """How far the step has come."""
         way = 0.0
         if self.along is not None:
             way = float(global_sum(self._comm, self.moved() @ self.along))

@@ -45,7 +45,6 @@ def packed(place: Direction) -> NDArray[np.float64]:
 
 
 def unpacked(x: NDArray[np.float64]) -> Direction:
-    """The inverse of :func:`packed`, a copy."""
     return Direction(x[:-1].copy(), float(x[-1]))
 
 

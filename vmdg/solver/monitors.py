@@ -115,7 +115,6 @@ def _unchanged(problem: Problem, what: str, call: Callable[[], T]) -> T:
 
 
 def _numbers(row: Any) -> dict[str, Any]:
-    """The row of a monitor, with UFL constants replaced by their values."""
     if row is None:
         return {}
     if not isinstance(row, Mapping):

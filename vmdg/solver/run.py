@@ -98,7 +98,6 @@ class Run:
         self._file.update()
 
     def back(self) -> None:
-        """Return to the state of the last row, or to that of the start."""
         self._rows.back()
 
     def save(self, at_end: bool = False) -> bool:
