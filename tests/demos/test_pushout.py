@@ -11,7 +11,6 @@ from dolfinx import fem
 from support.checks import integral
 
 import vmdg
-from vmdg import Mode
 from vmdg.meshes import pushout
 
 R_F, R_S, R_M, H = 0.95, 1.025, 4.3, 5.36
@@ -34,29 +33,6 @@ def test_section_to_the_end(comm, out):
     assert history["debonded"][-1] == pytest.approx(H, rel=1e-9)
     assert history["jump_steps"].sum() > 0
     assert (out / "pushout.png").stat().st_size > 10_000
-
-
-def test_modes_from_the_top(comm):
-    """The topmost points go from compression damage to friction, the bottom stays bonded."""
-    model = demo.build(False, 12, 1, demo.LAW, demo.FIBRE_MODULUS)
-    problem = model.problem
-    vmdg.solve(problem, [0.5, 1.0])
-    problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
-    seen = []
-
-    def top(problem):
-        state = problem.state[0]
-        high = state.points[:, 1] > H * 11 / 12
-        seen.append(set(np.concatenate(comm.allgather(state.mode[high])).tolist()))
-
-    vmdg.solve(problem, 1 + 0.004 * np.arange(1, 11), monitor=top)
-    assert seen[-1] <= {Mode.FRICTION, Mode.SHEAR}
-    order = [
-        next(i for i, m in enumerate(seen) if mode in m) for mode in (Mode.SHEAR, Mode.FRICTION)
-    ]
-    assert order == sorted(order)
-    low = problem.state[0].points[:, 1] < H / 2
-    assert (problem.state[0].softening[low] == 0).all()
 
 
 @pytest.mark.long
