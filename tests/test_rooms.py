@@ -25,6 +25,7 @@ FLOORS = (
     ("interface",),
     ("assembly",),
     ("problem",),
+    ("checks",),
     ("output",),
     ("plot", "checkpoint", "linear"),
     ("sensitivity",),

@@ -21,13 +21,13 @@ import vmdg
 from vmdg import meshes
 from vmdg.assembly.means import lattice_of
 from vmdg.base.tables import rounded
+from vmdg.checks.model import check_model
 from vmdg.compat import geometry_dofmap
 from vmdg.domain.lattice import Lattice
 from vmdg.linear.ksp import GMRES_GAMG, GMRES_LDLT, LU
 from vmdg.linear.system import System
 from vmdg.meshes import TaggedMesh, blocks, fibre_cell
 from vmdg.output.profile import profile
-from vmdg.problem.checks import check_model
 
 pytestmark = pytest.mark.skipif(
     MPI.COMM_WORLD.size > 1, reason="partitions of a mesh differ from time to time"

@@ -11,7 +11,7 @@ from support.problems import joined
 from support.scenes import LEFT, two_blocks
 
 import vmdg
-from vmdg.problem.supports import hanging_piece, hold_pieces
+from vmdg.checks.supports import hanging_piece, hold_pieces
 
 BOND = vmdg.Debonding(strength=10.0, critical_gap=0.05)
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from ..base.parallel import global_norm, global_sum, warn_together
+from ..checks.supports import bonds, hanging_piece, hold_pieces
 from ..problem.states import Snapshot
-from ..problem.supports import bonds, hanging_piece, hold_pieces
 from .attempt import Attempt
 from .jump import jump
 from .limit_point import limit_point

@@ -9,9 +9,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..base.texts import in_full
+from ..checks.model import check_model, checked_loads
 from ..linear.features import switchboard
 from ..output.history import History
-from ..problem.checks import check_model, checked_loads
 from ..problem.problem import Problem
 from ..sensitivity.checks import check_differentiable
 from ..sensitivity.derivatives import Derivatives

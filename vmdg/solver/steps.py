@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..assembly.discretization import carried
+from ..checks.model import rated
 from ..interface.activation import OPENS, REPEATS_STEP, Utilization
-from ..problem.checks import rated
 from ..problem.problem import Problem
 from ..sensitivity.derivatives import Derivatives
 from .attempt import Attempt

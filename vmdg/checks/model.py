@@ -16,8 +16,8 @@ from ..base.parallel import global_any, global_max, raise_together, warn_togethe
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
 from ..interface.stabilization import SAME_UNITS, SUSPICIOUS_RATIO
-from .motion import moving
-from .problem import Problem
+from ..problem.motion import moving
+from ..problem.problem import Problem
 from .standing import falling
 from .supports import LoosePart, in_words, loose_among, loose_parts, parts_of
 from .zone import process_zones

@@ -19,7 +19,7 @@ from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
 from ..laws.base import dot
-from .problem import Problem
+from ..problem.problem import Problem
 
 #: Eigenvalue, relative to the largest one, below which a rigid motion is unconstrained: that of a
 #: node at 1e-5 of the size of a part.
