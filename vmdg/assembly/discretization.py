@@ -512,47 +512,47 @@ class Discretization:
                 active.continue_from(other.active[i])
 
 
-def split(parts: Discretization, cells: NDArray[np.bool_]) -> Split:
+def split(discretization: Discretization, cells: NDArray[np.bool_]) -> Split:
     """Residual and tangent of the bodies in marked cells, and the residual of the others;
     collective."""
-    weak, eta = parts.weak_form, ufl.TestFunction(parts.space)
+    weak, eta = discretization.weak_form, ufl.TestFunction(discretization.space)
     residuals = [
         weak.compile(weak.bulk_residual(eta, marks), "bodies' residual", UNROLLED)
         for marks in (cells, ~cells)
     ]
-    return Split(*residuals, parts._bodies_tangent(cells))
+    return Split(*residuals, discretization._bodies_tangent(cells))
 
 
 def stabilization_anew(
-    parts: Discretization,
+    discretization: Discretization,
     floors: Sequence[NDArray[np.float64]],
     bodies: bool,
     risen: Sequence[NDArray[np.bool_]],
 ) -> list[Stabilization]:
     """tau_s and delta at the current displacement for changed moduli or laws, see
     :meth:`.Stabilizers.anew`; the forms are unchanged; collective."""
-    parts.update_means(pressure=True)
+    discretization.update_means(pressure=True)
     with timer("stabilization"):
-        return parts._stabilizers.anew(floors, bodies, risen)
+        return discretization._stabilizers.anew(floors, bodies, risen)
 
 
-def interface_forces(parts: Discretization) -> NDArray[np.float64]:
+def interface_forces(discretization: Discretization) -> NDArray[np.float64]:
     """Forces of all interfaces at the values of their points, owned dofs [N]; collective."""
-    forces = fem.Function(parts.space).x
-    parts._add_interfaces(forces.array)
+    forces = fem.Function(discretization.space).x
+    discretization._add_interfaces(forces.array)
     forces.scatter_reverse(InsertMode.add)
-    return forces.array[: parts.owned]
+    return forces.array[: discretization.owned]
 
 
 def _take(
-    parts: Discretization, mine: fem.Function, other: Discretization, theirs: fem.Function
+    discretization: Discretization, mine: fem.Function, other: Discretization, theirs: fem.Function
 ) -> None:
     """Copy a field of another discretization cell by cell."""
-    bs = parts.space.dofmap.index_map_bs
-    to, of = parts.space.dofmap.list, other.space.dofmap.list
+    bs = discretization.space.dofmap.index_map_bs
+    to, of = discretization.space.dofmap.list, other.space.dofmap.list
     mine.x.array.reshape(-1, bs)[to] = theirs.x.array.reshape(-1, bs)[of]
-    if parts.means is not None:
-        mine.x.array[parts.means.dofs] = theirs.x.array[other.means.dofs]
+    if discretization.means is not None:
+        mine.x.array[discretization.means.dofs] = theirs.x.array[other.means.dofs]
 
 
 def carried(

@@ -158,19 +158,19 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
         "history": [] if history is None else history.rows,
         "units": {} if history is None else history.units,
     }
-    parts = problem.discretization
-    fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
+    discretization = problem.discretization
+    fields = {"u": discretization.u.x.array, "forces": discretization.forces.x.array}
     fields |= {_start(i): start for i, start in enumerate(problem.loading.given.starts)}
     if (motion := problem.step.motion) is not None:
         fields |= motion.fields()
-    if parts.means is not None:
-        dofs = parts.means.dofs
+    if discretization.means is not None:
+        dofs = discretization.means.dofs
         about["macroscopic"] = {
             name: values[dofs] for name, values in fields.items() if not name.startswith("start ")
         }
-    points = parts.bodies.points
+    points = discretization.bodies.points
     rows = {_POINTS: points.rows(points.state)} if points else {}
-    cells = cell_records(parts.space, fields, _places(parts), rows)
+    cells = cell_records(discretization.space, fields, _places(discretization), rows)
     write_files(comm, folder, about, {_CELLS: cells} | interfaces)
 
 
@@ -269,9 +269,9 @@ def _start(i: int) -> str:
     return f"start {i}"
 
 
-def _places(parts: Discretization) -> fem.FunctionSpace:
+def _places(discretization: Discretization) -> fem.FunctionSpace:
     """A space in which every node has a unique position."""
-    return parts.space if parts.means is None else parts.means.broken
+    return discretization.space if discretization.means is None else discretization.means.broken
 
 
 def _read_state(

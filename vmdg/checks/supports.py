@@ -77,7 +77,7 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
 def parts_of(problem: Problem, interfaces: Iterable[ActiveInterface]) -> Parts:
     """The rigid parts if only some interfaces are intact, found once for all that supports them;
     collective."""
-    intact, known = list(interfaces), problem.loading.parts
+    intact, known = list(interfaces), problem.loading.rigid_parts
     active = problem.discretization.active.items()
     numbers = tuple(number for number, one in active if one in intact)
     if numbers not in known:

@@ -28,9 +28,9 @@ def macroscopic_tangent(problem: Problem, options: Choice | None = None) -> NDAr
     Raises:
         ValueError: the problem is not a periodic cell.
     """
-    cell, parts = PeriodicCell(problem), problem.discretization
-    parts.update_means()
-    means = parts.means
+    cell, discretization = PeriodicCell(problem), problem.discretization
+    discretization.update_means()
+    means = discretization.means
     system = System(problem, options.petsc if options else None)
     stiffness = system.condensed(means.unit_vectors(problem.comm.bcast(means.dofs)))
     system.free()

@@ -76,13 +76,15 @@ class System:
         self._found: list[Array] = []
 
     def _make_matrix(self) -> None:
-        parts, options = self._discretization, self._options
-        self._pattern = parts.couple()
-        self._matrix = matrix = parts.create_matrix(matrix_kind(options.solver))
+        discretization, options = self._discretization, self._options
+        self._pattern = discretization.couple()
+        self._matrix = matrix = discretization.create_matrix(matrix_kind(options.solver))
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._linear = LinearSolver(matrix, options.solver, options.fallback)
         if self._linear.multigrid:
-            set_rigid_modes(parts.space, parts.geometry, matrix, parts.means)
+            set_rigid_modes(
+                discretization.space, discretization.geometry, matrix, discretization.means
+            )
 
     def _renew_matrix(self) -> None:
         """Make matrix and solver again where surfaces that slide have other pairs."""

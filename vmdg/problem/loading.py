@@ -51,7 +51,7 @@ class Loading:
         nearby: Whether the state is for the moment one of a neighbouring value of a parameter, at
             which a monitor is differentiated.
         ray: The ray along which the load factor moves; None if loads are used as given.
-        parts: Parts of the problem by the interfaces that are intact, see
+        rigid_parts: Those of the problem by the interfaces that are intact, see
             :func:`.supports.parts_of`; forgotten when a load or support is added.
     """
 
@@ -67,7 +67,7 @@ class Loading:
 
     def follow(self, discretization: Discretization) -> None:
         self.discretization, u = discretization, discretization.u
-        self.parts: dict[tuple[int, ...], Any] = {}
+        self.rigid_parts: dict[tuple[int, ...], Any] = {}
         self.dirichlet = DirichletConditions(discretization.space, self._zeros())
         self.dead = DeadLoads(u, discretization.geometry, self.load_factor)
         self.surface = discretization.new_surface()
@@ -81,10 +81,10 @@ class Loading:
         self.move(self.t)
 
     def _zeros(self) -> NDArray[np.int32]:
-        parts = self.discretization
-        if parts.means is None:
-            return axis_dofs(parts.space, parts.geometry)
-        return parts.means.fixed if self._anchored else parts.means.spare
+        discretization = self.discretization
+        if discretization.means is None:
+            return axis_dofs(discretization.space, discretization.geometry)
+        return discretization.means.fixed if self._anchored else discretization.means.spare
 
     def add(
         self,
@@ -113,7 +113,7 @@ class Loading:
             raise
         self.given.calls.append(impose)
         self.given.loaded[np.asarray(cells, dtype=np.intp)] = True
-        self.parts.clear()
+        self.rigid_parts.clear()
         self.move(self.t)
 
     # Values
@@ -272,10 +272,13 @@ def anchor(loading: Loading) -> None:
     """Translate a periodic cell such that its anchor is where statics fixes it; collective."""
     if loading._anchored:
         return
-    parts, d = loading.discretization, loading._mesh.geometry.dim
-    owned, here = parts.means.anchor[parts.means.anchor < parts.owned], np.zeros(d)
-    here[owned % d] = parts.u.x.array[owned]
-    nodes = np.unique(parts.means.nodes)
-    parts.u.x.array.reshape(-1, d)[nodes] -= global_sum(loading._mesh.comm, here)
+    discretization, d = loading.discretization, loading._mesh.geometry.dim
+    owned, here = (
+        discretization.means.anchor[discretization.means.anchor < discretization.owned],
+        np.zeros(d),
+    )
+    here[owned % d] = discretization.u.x.array[owned]
+    nodes = np.unique(discretization.means.nodes)
+    discretization.u.x.array.reshape(-1, d)[nodes] -= global_sum(loading._mesh.comm, here)
     loading._anchored = True
     loading.dirichlet.fix(loading._zeros())

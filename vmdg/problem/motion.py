@@ -129,12 +129,14 @@ class Motion:
     @cached_property
     def _form(self) -> fem.Form:
         """int rho v.w dV, with a rule that is exact on affine cells."""
-        parts = self._discretization
-        mesh, geometry = parts.mesh, parts.geometry
-        v, w = ufl.TrialFunction(parts.space), ufl.TestFunction(parts.space)
-        order = 2 * parts.degree + isinstance(geometry, Axisymmetric)
+        discretization = self._discretization
+        mesh, geometry = discretization.mesh, discretization.geometry
+        v, w = ufl.TrialFunction(discretization.space), ufl.TestFunction(discretization.space)
+        order = 2 * discretization.degree + isinstance(geometry, Axisymmetric)
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
-        return parts.weak_form.compile(geometry.weight * self._rho * ufl.inner(v, w) * dx, "mass")
+        return discretization.weak_form.compile(
+            geometry.weight * self._rho * ufl.inner(v, w) * dx, "mass"
+        )
 
     def matrix(self, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
         """A new consistent mass matrix, with the pattern of the tangent; collective."""

@@ -633,8 +633,8 @@ class Problem:
 
     def _force_on(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
         """Sum of the forces of supports on nodes, block numbers (d,) [N]; collective."""
-        parts = self.discretization
-        if lattice_of(parts.means) is not None:
+        discretization = self.discretization
+        if lattice_of(discretization.means) is not None:
             raise ValueError(
                 "reaction: a periodic cell has no supports, since it continues beyond its "
                 "boundary; the force on its mean gradient is vmdg.PeriodicCell(problem).stress "
@@ -642,14 +642,14 @@ class Problem:
             )
         nodes = nodes[nodes < self.space.dofmap.index_map.size_local]
         # Springs are part of the internal forces.
-        forces = parts.forces.x.array[: parts.owned].copy()
+        forces = discretization.forces.x.array[: discretization.owned].copy()
         if self.step.motion is not None and self.step.motion.moves:
             # What is free has inertia in place of supports.
-            free = np.ones(parts.owned, dtype=bool)
+            free = np.ones(discretization.owned, dtype=bool)
             free[self.loading.owned_prescribed] = False
             forces[free] = 0.0
             forces += self.step.motion.carried
-        forces -= parts.surface.spring_forces()
+        forces -= discretization.surface.spring_forces()
         d = self.space.dofmap.index_map_bs
         return global_sum(self.comm, forces.reshape(-1, d)[nodes].sum(axis=0))
 

@@ -73,7 +73,10 @@ class Derivatives:
         self._problem, self._energy = problem, energy
         self._parameters = parameters_of(problem, names)
         self._neighbours = Neighbours(problem)
-        self._parts, self._actives = self._neighbours.parts, self._neighbours.actives
+        self._discretization, self._actives = (
+            self._neighbours.discretization,
+            self._neighbours.actives,
+        )
         self._stabilizations = StabilizationRates(problem)
         self._rows = Rows(self._neighbours, self._parameters)
         self._laws = {
@@ -135,7 +138,7 @@ class Derivatives:
             ]
             points = self._point_rates(given, partial, dt)
             begun = list(zip(*(one.at_rest() for one in points), strict=True))
-            here = interface_forces(self._parts)
+            here = interface_forces(self._discretization)
             pulled = [
                 near.forces(parameter, known.stabilizations, values, here)
                 if known.changes
@@ -240,7 +243,7 @@ class Derivatives:
             for array in (one.tau, one.weights, one.norm, one.delta_s)
         )
         # The pressure of a mean dilatation depends on the gaps at the facets of its cell.
-        bodies = self._parts.bodies
+        bodies = self._discretization.bodies
         changes |= parameter.of_body or bodies.mean_dilatation or not bodies.small
         changes = global_any(self._problem.comm, changes)
         if changes:

@@ -208,9 +208,9 @@ class Iterate:
         largest = max((np.abs(G).max(initial=0.0) for G in gradients), default=0.0)
         if size == 0 or global_max(self._comm, float(largest)) == 0:
             return 0.0, 0.0
-        parts, here, work, felt = self._discretization, self.place(), 0.0, 0.0
+        discretization, here, work, felt = self._discretization, self.place(), 0.0, 0.0
         farthest = global_max(self._comm, float(np.abs(direction.u).max(initial=0.0)))
-        straight = parts.bodies.linear and not self._loading.pressurised
+        straight = discretization.bodies.linear and not self._loading.pressurised
         # If it is exact for any h, a direction is added at the size of the mesh: then rounding
         # depends neither on its length nor on the unit of the load factor.
         h = float(power_of_two(self._size / size)) if straight else INCREMENT * self._size / size
@@ -218,7 +218,7 @@ class Iterate:
             interfaces = self._pieces.interfaces
             before = [total_in_frame(active) for active in interfaces]
             self.visit(here.plus(direction, h))
-            if bodies := parts.bodies.points:
+            if bodies := discretization.bodies.points:
                 bodies.extrapolate(bodies.deformation(self._problem.u))
             for active, G, q in zip(interfaces, gradients, before, strict=True):
                 kept = active.quadrature.kept
@@ -230,7 +230,7 @@ class Iterate:
             self.visit(here)
             if bodies:
                 bodies.take(bodies.state)
-        thickness = float(parts.geometry.thickness)
+        thickness = float(discretization.geometry.thickness)
         return thickness * work, thickness * felt
 
     def forces(self) -> Array:
@@ -242,10 +242,10 @@ class Iterate:
 
     def reaction(self) -> float:
         """Norm of reactions, including those of springs, and of forces on means [N]."""
-        parts, loading = self._discretization, self._loading
-        forces = parts.forces.x.array[: self._owned]
+        discretization, loading = self._discretization, self._loading
+        forces = discretization.forces.x.array[: self._owned]
         held = forces - loading.balance(forces.copy())
-        if parts.means is not None:
-            dofs = parts.means.owned_dofs
+        if discretization.means is not None:
+            dofs = discretization.means.owned_dofs
             held[dofs] = forces[dofs] + loading.vector[dofs]
-        return global_norm(self._comm, np.append(held, parts.surface.spring_forces()))
+        return global_norm(self._comm, np.append(held, discretization.surface.spring_forces()))
