@@ -212,7 +212,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
     for mine, start in zip(problem.loading.given.starts, starts, strict=True):
         mine[:] = start
     if starts:  # supports must be imposed again
-        problem.loading.follow(problem.discretization)
+        problem.loading.rebuild(problem.discretization)
     problem.step.return_to(snapshot)
     if problem.step.motion is not None:
         problem.step.motion.take(moving)

@@ -101,7 +101,7 @@ def bonds(problem: Problem) -> tuple[float, float]:
     return float(problem.discretization.geometry.thickness) * energy, facets
 
 
-def hold_pieces(problem: Problem) -> bool:
+def stabilize_pieces(problem: Problem) -> bool:
     """Stabilize detached pieces by an artificial stiffness from now on, with a warning; collective.
 
     At small strain a piece rotates without strain for any angle, and needs none.

@@ -26,7 +26,7 @@ from ..forms.geometry import Cartesian, Geometry
 from ..forms.kinematics import PointFields
 from ..materials.point import PointMaterial
 from .mean_points import MeanPoints
-from .point_answers import Question
+from .point_evaluator import PointEvaluator
 from .shapes import GeometryMap, determinants, places_in_cells
 
 Array = NDArray[np.float64]
@@ -247,13 +247,13 @@ class PointBodies:
         rows, columns = self._rows[:count_F], self._columns[:count_F]
         for (material, start, stop), before in zip(self._parts, old.history, strict=True):
             after = np.empty_like(before)
-            ask = Question(material, dt, self._small, self._plane_stress)
+            evaluate = PointEvaluator(material, dt, self._small, self._plane_stress)
             for first in range(start * count, stop * count, _BATCH):
                 batch = slice(first, min(first + _BATCH, stop * count))
                 own = slice(batch.start - start * count, batch.stop - start * count)
                 F, e = deformation[batch], None if strain is None else strain[batch]
                 effective = F if self._mean is None else self._mean.effective(F)
-                found, reached = ask(effective, before[own], e)
+                found, reached = evaluate(effective, before[own], e)
                 S, A = found.stress, found.moduli.reshape(-1, 9, 9)
                 if len(rows) < 9:
                     A = A[:, (3 * rows + columns)[:, None], 3 * rows + columns]

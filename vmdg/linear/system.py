@@ -204,10 +204,10 @@ class System:
         unknowns of all coarse matrices. Around a crack tip a body stays connected.
         """
         self._discretization.assemble_tangent(self._matrix, failing=False)
-        self._hold()
+        self._prescribe()
         self._linear.coarsen()
 
-    def _hold(self) -> None:
+    def _prescribe(self) -> None:
         """Scale the matrix and replace the rows of prescribed dofs by those of the identity.
 
         It is divided by a power of two near its norm, so that PETSc's absolute tolerances and the
@@ -224,7 +224,7 @@ class System:
     ) -> list[Array]:
         right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
         if not self.lags:
-            self._hold()
+            self._prescribe()
         # The response to a load changes little from one correction to the next.
         found, last = [], [None, *self._last[1:]] + [None] * len(right)
         for f, du, guess in zip(right, moved, last, strict=False):

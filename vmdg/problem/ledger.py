@@ -106,7 +106,7 @@ class Ledger:
         self._start.added = added
         self._start.rate = self._eigenstrain_rate(self._loading.t, t)
 
-    def hold(self) -> None:
+    def record_start(self) -> None:
         """Record the last residual as that at the start of the step, with its tau_s and loads."""
         now = self.discretization
         if now.bodies.hyperelastic:
@@ -204,7 +204,7 @@ class Ledger:
     def begin_path(self) -> None:
         self.works = replace(self.works, increment=None, pending=None)
 
-    def follow(self, discretization: Discretization) -> None:
+    def change_space(self, discretization: Discretization) -> None:
         self.discretization = discretization
         self.begin_path()
 
@@ -212,7 +212,7 @@ class Ledger:
         """Record this rank's energy added by opened facets [N mm]."""
         self._enter((0.0, added), np.zeros(3))
 
-    def hold_loads(self, since: Snapshot) -> None:
+    def keep_loads_constant(self, since: Snapshot) -> None:
         """Replace the work of loads since a state at this load factor by that at constant load.
 
         The path there passed other load factors, which a machine would not record.

@@ -63,9 +63,9 @@ class Loading:
         self.nearby, self._anchored = False, True
         self.load_factor, self.t = fem.Constant(self._mesh, 0.0), 0.0
         self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set(), [])
-        self.follow(discretization)
+        self.rebuild(discretization)
 
-    def follow(self, discretization: Discretization) -> None:
+    def rebuild(self, discretization: Discretization) -> None:
         self.discretization, u = discretization, discretization.u
         self.rigid_parts: dict[tuple[int, ...], Any] = {}
         self.dirichlet = DirichletConditions(discretization.space, self._zeros())
@@ -109,7 +109,7 @@ class Loading:
         try:
             self._refuse_held_faces()
         except ValueError:
-            self.follow(self.discretization)
+            self.rebuild(self.discretization)
             raise
         self.given.calls.append(impose)
         self.given.loaded[np.asarray(cells, dtype=np.intp)] = True
@@ -231,7 +231,7 @@ class Loading:
     def as_given(self, t: float) -> bool:
         """Whether the current ray reproduces the given loads at ``t``; collective."""
         comm = self._mesh.comm
-        return not global_any(comm, not together(comm, lambda: self.ray.leads(t)))
+        return not global_any(comm, not together(comm, lambda: self.ray.reproduces(t)))
 
     def clear_ray(self) -> None:
         self.ray, self._vector = None, None

@@ -37,7 +37,7 @@ class Ray:
         first, last = self.ends[load]
         return bool((first != last).any())
 
-    def leads(self, t: float) -> bool:
+    def reproduces(self, t: float) -> bool:
         """Whether the ray reproduces all given loads at load factor ``t``, on this rank."""
         off = [np.abs(load.values(t) - self.at(load, t)).max(initial=0.0) for load in self.ends]
         sizes = [np.abs(pair).max(initial=0.0) for pair in self.ends.values()]
@@ -46,4 +46,4 @@ class Ray:
     def is_straight(self) -> bool:
         length = self.end - self.start
         # All of them: ranks that stopped at the first one would call users' functions less often.
-        return all([self.leads(self.start + share * length) for share in PROBES])
+        return all([self.reproduces(self.start + share * length) for share in PROBES])

@@ -202,7 +202,7 @@ class Step:
             for active in self._failing():
                 hold_sliding_points(active)
         self.assemble_residual(dt, hold=True, anew=anew)
-        self.ledger.hold()
+        self.ledger.record_start()
         apart = [one for one in self._failing() if one.quadrature.distance is not None]
         if apart and not global_any(self._comm, self.discretization.u.x.array.any()):
             for active in apart:
@@ -410,7 +410,7 @@ class Step:
         """Return to a converged state, including its set of open facets."""
         if snapshot.discretization is not self.discretization:
             self.activation.open = list(snapshot.open)
-            self._follow(snapshot.discretization)
+            self._change_space(snapshot.discretization)
         now = self.discretization
         now.u.x.array[:] = self._reached = snapshot.u
         now.forces.x.array[:] = snapshot.forces
@@ -462,7 +462,7 @@ class Step:
             return False
         stored = before.stored_energy().sum()
         self.activation.open = marks
-        self._follow(after)
+        self._change_space(after)
         after.continue_from(before)
         self._loading.move(self._loading.t)
         after.update_stabilization()
@@ -474,11 +474,11 @@ class Step:
         self.ledger.enter_opening(after.stored_energy().sum() - stored)
         return True
 
-    def _follow(self, discretization: Discretization) -> None:
+    def _change_space(self, discretization: Discretization) -> None:
         self.discretization = discretization
-        self.ledger.follow(discretization)
+        self.ledger.change_space(discretization)
         self.activation.follow(discretization.u)
-        self._loading.follow(discretization)
+        self._loading.rebuild(discretization)
 
 
 def enter_given_state(step: Step) -> None:

@@ -171,7 +171,9 @@ class _Newton:
             self._follow(iterate.place(), self._correct(-iterate.forces()))
         elif last is None or last.ahead is None or not self._extrapolate(last):
             self._along_tangent(anew=last is None or last.ahead is None)
-        self._guessed = iterate.reach()._replace(way=global_norm(self._comm, iterate.moved()))
+        self._guessed = iterate.reach()._replace(
+            arc_length=global_norm(self._comm, iterate.moved())
+        )
 
     def _along_tangent(self, anew: bool) -> None:
         """Predict along the tangent; if crack faces overlap then, with closing points sticking."""
@@ -191,7 +193,7 @@ class _Newton:
         left, way = limits.target - limits.start, global_norm(self._comm, ahead.u)
         if ahead.t * left < 0 and last.work == 0:
             return False
-        ratios = ((left, ahead.t), (limits.work, last.work), (limits.way, way))
+        ratios = ((left, ahead.t), (limits.work, last.work), (limits.arc_length, way))
         length = min((x / done for x, done in ratios if x * done > 0), default=math.inf)
         if length >= 1 / self._numbers.cut:
             return False
@@ -318,5 +320,8 @@ class _Newton:
             return now.work <= limits.onset
         if (now.t - limits.target) * limits.toward > 0 or now.work > (1 + missed) * limits.work:
             return False
-        there = now.work >= (1 - missed) * limits.work or now.way >= (1 - missed) * limits.way
+        there = (
+            now.work >= (1 - missed) * limits.work
+            or now.arc_length >= (1 - missed) * limits.arc_length
+        )
         return there or now.t == limits.target

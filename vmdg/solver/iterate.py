@@ -30,7 +30,7 @@ INCREMENT = 1e-7
 
 #: Rate of the damage work that counts as rounding, relative to that of points whose trial traction
 #: changes by r times the largest displacement.
-UNFELT = 1e-8
+NEGLIGIBLE_RATE = 1e-8
 
 
 class Iterate:
@@ -187,9 +187,9 @@ class Iterate:
 
     def rates(self, direction: Direction, work: float = 0.0) -> Reach:
         along = 0.0 if self.along is None else direction.u @ self.along
-        done, felt, along = global_sum(self._comm, [*self._work_along(direction), along])
+        done, size_of_rate, along = global_sum(self._comm, [*self._work_along(direction), along])
         # Where the last bonds have come off, its sign would be chance, and with it the direction.
-        done = done if abs(done) > UNFELT * felt else 0.0
+        done = done if abs(done) > NEGLIGIBLE_RATE * size_of_rate else 0.0
         return Reach(direction.t, done + work, along)
 
     def _work_along(self, direction: Direction) -> tuple[float, float]:
@@ -208,7 +208,7 @@ class Iterate:
         largest = max((np.abs(G).max(initial=0.0) for G in gradients), default=0.0)
         if size == 0 or global_max(self._comm, float(largest)) == 0:
             return 0.0, 0.0
-        discretization, here, work, felt = self._discretization, self.place(), 0.0, 0.0
+        discretization, here, work, size_of_rate = self._discretization, self.place(), 0.0, 0.0
         farthest = global_max(self._comm, float(np.abs(direction.u).max(initial=0.0)))
         straight = discretization.bodies.linear and not self._loading.pressurised
         # If it is exact for any h, a direction is added at the size of the mesh: then rounding
@@ -226,12 +226,12 @@ class Iterate:
                 weights = active.quadrature.weights[kept]
                 r = active.stabilization.norm[active.quadrature.facet[kept]]
                 work += weights @ change
-                felt += (weights * r) @ np.linalg.norm(G, axis=1) * farthest
+                size_of_rate += (weights * r) @ np.linalg.norm(G, axis=1) * farthest
             self.visit(here)
             if bodies:
                 bodies.take(bodies.state)
         thickness = float(discretization.geometry.thickness)
-        return thickness * work, thickness * felt
+        return thickness * work, thickness * size_of_rate
 
     def forces(self) -> Array:
         """Residual on owned dofs, without reactions of supports and rigid faces [N]."""

@@ -44,7 +44,7 @@ def jump(
     if not found.converged:
         step.return_to(limit)
         return found, count
-    ledger.hold_loads(limit)
+    ledger.keep_loads_constant(limit)
     # Not negative.
     after = ledger.energy()
     charged = after.viscosity - before.viscosity

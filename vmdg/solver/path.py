@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from ..base.parallel import global_norm, global_sum, warn_together
-from ..checks.supports import bonds, hanging_piece, hold_pieces
+from ..checks.supports import bonds, hanging_piece, stabilize_pieces
 from ..problem.states import Snapshot
 from .attempt import Attempt
 from .jump import jump
@@ -75,11 +75,11 @@ class Size:
     """Size limits of the next step, other than the damage work.
 
     Attributes:
-        way: Arc length [mm].
+        arc_length: Arc length [mm].
         idle: Number of steps without progress since the last one with damage.
     """
 
-    way: float = math.inf
+    arc_length: float = math.inf
     stride: float = math.inf
     last: Attempt | None = None
     idle: int = 0
@@ -200,11 +200,11 @@ class Path:
             if cuts > most_cuts and found.reason == "UNSTABLE":
                 # Without an imperfection the body stays on this path.
                 self._lose(start)
-                cuts, limits = 0, replace(limits, way=math.inf)
+                cuts, limits = 0, replace(limits, arc_length=math.inf)
             opened = problem.discretization is not before.discretization
             if last and (opened or 2 * cuts > most_cuts):
                 last = last.going(None)
-            if hold_pieces(problem):
+            if stabilize_pieces(problem):
                 cuts = 0
                 continue
             # A step at constant load cannot be cut.
@@ -236,7 +236,7 @@ class Path:
                 # progress.
                 return limits
             work = scales.work if scales.breaking else math.inf
-            return replace(limits, work=work, way=size.way)
+            return replace(limits, work=work, arc_length=size.arc_length)
         stride = size.stride
         if self._steps.cyclic and stride == math.inf:
             stride = self._steps.first_stride
@@ -258,16 +258,16 @@ class Path:
         numbers, gone = self._numbers, found.guessed
         if late > 0:
             # With contact and friction, bonds may break without damage work as a suitable control.
-            by_load = replace(limits, target=stage.target, work=math.inf, way=math.inf)
+            by_load = replace(limits, target=stage.target, work=math.inf, arc_length=math.inf)
             return self._strode(by_load, stage.span * numbers.cut**late)
         if stage.follows:
             # Of what the predictor did, bonds that break limit the step by their work, otherwise
             # the arc length does.
-            work, way = min(gone.work, limits.work, stage.most), limits.way
+            work, way = min(gone.work, limits.work, stage.most), limits.arc_length
             if work <= limits.onset:
-                work, way = limits.work, min(way, gone.way or math.inf)
+                work, way = limits.work, min(way, gone.arc_length or math.inf)
             work, way = max(numbers.cut * work, limits.onset), numbers.cut * way
-            limits = replace(limits, work=work, way=way)
+            limits = replace(limits, work=work, arc_length=way)
             if not limits.by_load_alone:
                 return limits
         share = 0.5
@@ -282,7 +282,7 @@ class Path:
         step, t = self._problem.step, self._problem.t
         slides = self._problem.discretization.slides
         growth = numbers.growth_after(found.iterations, slides)
-        way = growth * limits.way
+        way = growth * limits.arc_length
         if not cuts and way > global_norm(self._problem.comm, found.ahead.u) / numbers.cut:
             way = math.inf
         work = max(growth * min(limits.work, step.scales.work), limits.onset)

@@ -94,7 +94,7 @@ class Run:
         """Add a row for the current state, to which exceptions return from now on; collective."""
         self._result.history.append(row)
         self._result.residuals.append(found.norms)
-        self._rows.hold()
+        self._rows.mark()
         self._file.update()
 
     def back(self) -> None:
@@ -153,9 +153,9 @@ class _Rows:
 
     def __init__(self, problem: Problem):
         self._comm, self._step = problem.comm, problem.step
-        self.hold()
+        self.mark()
 
-    def hold(self) -> None:
+    def mark(self) -> None:
         self._state, self._scales = self._step.snapshot(), self._step.scales
 
     def back(self) -> None:

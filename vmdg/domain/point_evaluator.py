@@ -29,7 +29,7 @@ _STRESS, _MODULI = 1e-12, 1e-16
 _MOST = 100
 
 
-class Question:
+class PointEvaluator:
     """A material and how it is asked.
 
     Args:
