@@ -12,8 +12,8 @@ import gmsh
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+
+from vmdg.base.graph import components
 
 from .gmsh_model import COINCIDENT
 
@@ -188,8 +188,7 @@ def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]
             f"its nodes have more than {MANY} others within {reach:g}; is merge= in its units?"
         )
     pairs = tree.query_pairs(reach, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(used), len(used)))
-    _, component = connected_components(graph, directed=False)
+    component = components(*pairs.T, len(used))
     first = np.unique(component, return_index=True)[1]
     result = np.arange(len(mesh.points))
     result[used] = used[first[component]]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vmdg import compat
 from vmdg.base.graph import components
-from vmdg.base.parallel import gathered
+from vmdg.base.parallel import gathered, index_map_of
 
 #: Communicator, number of parts, graph of the cells, whether ghosts are wanted; parts of the cells.
 GraphPartitioner = Callable[[MPI.Comm, int, Any, bool], Any]
@@ -58,20 +58,14 @@ def _several_pieces(comm: MPI.Comm, graph: Any) -> bool:
     """Whether a distributed graph, with global numbers of neighbours, is not connected;
     collective."""
     count, neighbours = len(graph.offsets) - 1, np.asarray(graph.array)
-    ends = np.cumsum(comm.allgather(count))
-    first = int(ends[comm.rank]) - count
-    foreign = (neighbours < first) | (neighbours >= first + count)
-    ghosts = np.unique(neighbours[foreign])
-    owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
-    local = np.where(foreign, count + np.searchsorted(ghosts, neighbours), neighbours - first)
-    piece = components(
-        np.repeat(np.arange(count), np.diff(graph.offsets)), local, count + len(ghosts)
-    )
+    imap, local = index_map_of(comm, count, neighbours)
+    cell = np.repeat(np.arange(count), np.diff(graph.offsets))
+    piece = components(cell, local, count + imap.num_ghosts)
     # Pieces of different ranks are joined by the nodes that are ghosts of one of them.
     here = int(piece.max(initial=-1)) + 1
     counts = np.cumsum(comm.allgather(here))
     before = int(counts[comm.rank]) - here
-    number = la.vector(compat.index_map(comm, count, ghosts, owners), 1, dtype=np.int64)
+    number = la.vector(imap, 1, dtype=np.int64)
     number.array[:] = before + piece
     number.scatter_forward()
     joined = np.column_stack([before + piece[count:], number.array[count:]])

@@ -22,6 +22,8 @@ import numpy as np
 from dolfinx.common import IndexMap
 from numpy.typing import ArrayLike, NDArray
 
+from .. import compat
+
 _PACKAGE = __name__.partition(".")[0]
 
 #: Seconds that a failed rank waits for the others.
@@ -146,6 +148,20 @@ def _raise_members(
     largest = np.full(group.max(initial=-1) + 1, -np.inf)
     np.maximum.at(largest, group, values[members])
     values[members] = largest[group]
+
+
+def index_map_of(
+    comm: MPI.Comm, size_local: int, numbers: NDArray[np.int64]
+) -> tuple[IndexMap, NDArray[np.int32]]:
+    """An index map of which every rank owns the next ``size_local`` numbers and has ghosts of the
+    others among some global ``numbers``, and these as local ones; collective."""
+    ends = np.cumsum(comm.allgather(size_local))
+    first = int(ends[comm.rank]) - size_local
+    foreign = (numbers < first) | (numbers >= first + size_local)
+    ghosts = np.unique(numbers[foreign])
+    owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
+    local = np.where(foreign, size_local + np.searchsorted(ghosts, numbers), numbers - first)
+    return compat.index_map(comm, size_local, ghosts, owners), local.astype(np.int32)
 
 
 def within(seconds: float, done: Callable[[], bool]) -> bool:
