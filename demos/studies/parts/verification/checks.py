@@ -43,7 +43,6 @@ def timed(checks: list[Check]) -> Iterator[None]:
 
 
 def table(checks: Sequence[Check]) -> str:
-    """Markdown."""
     return markdown(
         "case quantity computed exact error mesh s".split(),
         [
@@ -63,7 +62,6 @@ def compare(case: str, quantity: str, computed: float, exact: float, mesh: str) 
 
 
 def describe(problem: vmdg.Problem, degree: int) -> str:
-    """Cells and degree of a problem."""
     mesh = problem.mesh
     count = mesh.topology.index_map(mesh.topology.dim).size_global
     return f"{count} {mesh.topology.cell_name()}s, k = {degree}"
