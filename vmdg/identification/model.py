@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..base.agreement import together
-from ..base.units import power_of_two
+from ..base.arrays import power_of_two
 from ..base.words import near
 from ..laws import Debonding, TrapezoidalDebonding
 from ..points.interface import interface_names
 from ..problem.problem import Problem
-from ..sensitivity.checks import check_differentiable
+from ..sensitivity.derivatives import check_differentiable
 from ..sensitivity.parameters import parameter_names
 from ..solver.monitors import Monitor, Until
 from ..solver.options import SolveOptions

@@ -1,4 +1,4 @@
-"""Supports and loads as a user gives them: checked, and imposed on the loading."""
+"""Supports and loads as a user gives them: checked, and imposed on the loading; rigid faces."""
 
 from __future__ import annotations
 
@@ -309,3 +309,31 @@ def _drive_means(drives: Sequence[Drive], loading: Loading) -> None:
 def _move_wall(cells: NDArray[np.int32], value: Value, what: str, loading: Loading) -> None:
     nodes = nodes_of_cells(loading.discretization.space, cells)
     loading.dirichlet.add(nodes, value, None, what)
+
+
+class RigidMotion:
+    """Motion of a rigid face, see :meth:`vmdg.Problem.rigid_face`.
+
+    Args:
+        loading: The loading with the face.
+        number: Number of the face.
+    """
+
+    def __init__(self, loading: Loading, number: int):
+        self._loading, self._number = loading, number
+
+    def displacement(self) -> float | NDArray[np.float64]:
+        """Displacement of its point, a number with one component, else (d,) [mm]; collective."""
+        faces = self._loading.rigid
+        face = faces.faces[self._number]
+        found = faces.displacement(face)
+        return found if face.component is None else float(found[0])
+
+    def rotation(self) -> float | NDArray[np.float64]:
+        """Rotation, about z in 2D, about the axes (3,) in 3D [rad]; collective."""
+        faces = self._loading.rigid
+        angles = faces.rotation(faces.faces[self._number])
+        if len(angles) == 1:
+            return float(angles[0])
+        xy, xz, yz = angles
+        return np.array([yz, -xz, xy])

@@ -68,14 +68,12 @@ from .arguments import (
     checked_interfaces,
     checked_materials,
 )
-from .axial import GeneralizedStrain, generalized
-from .calls import LoadCalls
+from .calls import LoadCalls, RigidMotion
 from .damping import Rayleigh, checked_viscosity
 from .eigenstrain import checked_eigenstrains, refusal
 from .loading import Loading
 from .motion import Motion, checked_density, moving
-from .periodic import Periodic, checked_periodic
-from .rigid_motion import RigidMotion
+from .periodic import GeneralizedStrain, Periodic, checked_periodic, generalized
 from .states import Energy, InterfaceMean, Snapshot
 from .step import Step
 

@@ -15,8 +15,8 @@ from scipy.sparse import csr_array
 from ..assembly.discretization import interface_forces
 from ..assembly.point_matrices import local_tractions
 from ..assembly.space import at_owners
+from ..base.arrays import power_of_two
 from ..base.parallel import global_max
-from ..base.units import power_of_two
 from ..domain.topology import box_sides
 from ..interface.history import PointHistory
 from ..interface.return_map import Trial

@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import power_of_two
 from ..base.parallel import global_any, global_max, global_norm, global_sum
 from ..base.timers import timer
-from ..base.units import power_of_two
 from ..interface.active import total_in_frame
 from ..linear.system import System
 from ..problem.problem import Problem

@@ -13,8 +13,7 @@ from ..checks.model import check_model, checked_loads
 from ..linear.features import switchboard
 from ..output.history import History
 from ..problem.problem import Problem
-from ..sensitivity.checks import check_differentiable
-from ..sensitivity.derivatives import Derivatives
+from ..sensitivity.derivatives import Derivatives, check_differentiable
 from .monitors import Monitor, Until, differentiable_energies, ends, row_of, watched_row
 from .options import SolveOptions
 from .path import Part, Path
