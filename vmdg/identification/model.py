@@ -22,7 +22,7 @@ from ..base.words import near
 from ..laws import Debonding, TrapezoidalDebonding
 from ..points.interface import interface_names
 from ..problem.problem import Problem
-from ..sensitivity.derivatives import check_differentiable
+from ..sensitivity.checks import check_differentiable
 from ..sensitivity.parameters import parameter_names
 from ..solver.monitors import Monitor, Until
 from ..solver.options import SolveOptions

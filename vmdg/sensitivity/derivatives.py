@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -319,34 +319,3 @@ def _history(
         turned = np.einsum("pji,pj->pi", rate.values.rotation, start.values.opening)
         opening = turned + np.einsum("pji,pj->pi", R, opening)
     return replace(rate.history, gap=np.where(let_go, opening, rate.history.gap))
-
-
-class _Options(Protocol):
-    """What matters of the options of a run."""
-
-    checkpoint: object
-
-
-def check_differentiable(problem: Problem, options: _Options, resumed: bool) -> None:
-    """Refuse a run that cannot be differentiated.
-
-    Args:
-        resumed: Whether it continues the history of an earlier one.
-    """
-    discretization, reason = problem.discretization, None
-    if discretization.bodies.points is not None:
-        reason = "a body at points such as J2 has a history of its own; use NeoHookean or another"
-    elif discretization.means is not None:
-        reason = "a periodic cell and generalized plane strain have unknown means; use a body"
-    elif problem.step.activation:
-        reason = "facets that open on demand change the unknowns; use activate='all'"
-    elif discretization.slides:
-        reason = "pairs of facets that slide change in every iteration; use sliding=False"
-    elif any(interface.law.fatigues for interface in problem.interfaces):
-        reason = "the cycles of a step follow its damage; use a law without fatigue"
-    elif discretization.surface.fluids:
-        reason = "the fluid between crack faces follows the bond; use tractions on a boundary"
-    elif options.checkpoint is not None or resumed:
-        reason = "they are not in checkpoints and histories; run it whole, without checkpoint="
-    if reason is not None:
-        raise ValueError(f"solve: derivatives are not available here: {reason}")

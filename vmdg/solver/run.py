@@ -93,7 +93,7 @@ class Run:
         """Add a row for the current state, to which exceptions return from now on; collective."""
         self._result.history.append(row)
         self._result.residuals.append(found.norms)
-        self._rows.mark()
+        self._rows.hold()
         self._file.update()
 
     def back(self) -> None:
@@ -152,9 +152,9 @@ class _Rows:
 
     def __init__(self, problem: Problem):
         self._comm, self._step = problem.comm, problem.step
-        self.mark()
+        self.hold()
 
-    def mark(self) -> None:
+    def hold(self) -> None:
         self._state, self._scales = self._step.snapshot(), self._step.scales
 
     def back(self) -> None:

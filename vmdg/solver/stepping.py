@@ -13,7 +13,8 @@ from ..checks.model import check_model, checked_loads
 from ..linear.features import switchboard
 from ..output.history import History
 from ..problem.problem import Problem
-from ..sensitivity.derivatives import Derivatives, check_differentiable
+from ..sensitivity.checks import check_differentiable
+from ..sensitivity.derivatives import Derivatives
 from .monitors import Monitor, Until, differentiable_energies, ends, row_of, watched_row
 from .options import SolveOptions
 from .path import Part, Path
