@@ -41,6 +41,11 @@ def agreed(
 
     Returns:
         Options of rank 0 for all ranks.
+
+    Raises:
+        TypeError: one has the wrong type.
+        RuntimeError: the problem is being solved.
+        ValueError: not all ranks make this call, or with other arguments.
     """
     if not isinstance(problem, Problem):
         raise TypeError(
@@ -97,6 +102,7 @@ class Run:
         self._file.update()
 
     def back(self) -> None:
+        """Return to the state of the last row, or to that of the start."""
         self._rows.back()
 
     def save(self, at_end: bool = False) -> bool:
@@ -155,9 +161,11 @@ class _Rows:
         self.hold()
 
     def hold(self) -> None:
+        """Mark the current state as that of a row."""
         self._state, self._scales = self._step.snapshot(), self._step.scales
 
     def back(self) -> None:
+        """Return to that state."""
         self._step.return_to(self._state)
         self._step.scales = self._scales
 
