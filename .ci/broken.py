@@ -23,7 +23,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (
     *("assembly", "domain", "dynamics", "interface", "laws", "linear", "materials", "points"),
-    *("problem", "sensitivity", "solver"),
+    *("problem", "sensitivity", "solver", "checks"),
 )
 #: Seconds after which a broken line counts as found.
 PATIENCE = 1200

@@ -26,8 +26,7 @@ import numpy as np
 from dolfinx.mesh import MeshTags
 
 import vmdg
-from vmdg.meshes import tearing
-from vmdg.meshes.plate import BOTTOM, LEFT, RIGHT
+from vmdg.meshes.beams import BOTTOM, LOWER_LEFT, RIGHT, UPPER_LEFT, beams
 
 BODY, LAYER, CRACK, WIDTH = 4.0, 0.5, 10.0, 30.0  # mm; half of the crack, of the width
 WAVE = LAYER / 500  # mm
@@ -37,15 +36,17 @@ BOND = vmdg.Debonding(strength=STRENGTH, critical_gap=2 * ENERGY / STRENGTH)
 
 def build(cells: int) -> tuple[vmdg.Problem, MeshTags]:
     """The problem, with the strain of the ends as load factor, and its facets; ``cells`` per mm."""
-    divisions = int(cells * WIDTH), 4, 1
-    mesh, tags, facets = tearing(
-        MPI.COMM_WORLD, "quadrilateral", WIDTH, BODY, LAYER, divisions, CRACK
+    stations = 0.0, CRACK, WIDTH
+    divisions = int(cells * CRACK), int(cells * WIDTH) - int(cells * CRACK)
+    mesh, tags, facets = beams(
+        stations=stations, divisions=divisions, height=(BODY, LAYER), rows=(4, 1), precrack=CRACK
     )
     x, y, _ = mesh.geometry.x.T
-    y += WAVE * np.cos(np.pi / 2 * x / CRACK) ** 2 * (x < CRACK) * (y > BODY - 1e-9)
+    y += WAVE * np.cos(np.pi / 2 * x / CRACK) ** 2 * (x < CRACK) * (y > -1e-9)
     bodies = dict.fromkeys((1, 2), vmdg.NeoHookean(E=E, nu=NU))
     problem = vmdg.Problem(mesh, tags, bodies, [vmdg.Interface(between=(1, 2), law=BOND)], degree=2)
-    problem.dirichlet(facets.find(LEFT), 0.0, "x")
+    for end in (LOWER_LEFT, UPPER_LEFT):
+        problem.dirichlet(facets.find(end), 0.0, "x")
     problem.dirichlet(facets.find(BOTTOM), 0.0, "y")
     problem.dirichlet(facets.find(RIGHT), lambda e: -WIDTH * e, "x")
     return problem, facets

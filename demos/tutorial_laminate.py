@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import vmdg
-from vmdg.meshes.plates import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT, plates
+from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT, plates
 from vmdg.plot import curve
 
 # 1. The plies: E, nu and G of IM7/8552 in MPa, axis 1 along the fibres, 0.184 mm each. A laminate

@@ -75,7 +75,6 @@ class MeanDilatation(_Plain):
         return super().size(d) + 1
 
     def entries(self, d: int) -> Entries:
-        """Entries of GRAD w that are not zero for every w."""
         n = super().size(d)
         return [*super().entries(d), (n, n)]
 

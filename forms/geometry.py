@@ -49,7 +49,6 @@ class Cartesian:
 
     @property
     def weight(self) -> Expr | float:
-        """Factor of every integrand of a volume or an area."""
         return self.thickness
 
     def circumference(self, x: Any) -> Any:
@@ -57,11 +56,9 @@ class Cartesian:
         return 1
 
     def size(self, d: int) -> int:
-        """Rows n of GRAD w for d components of w."""
         return d
 
     def entries(self, d: int) -> Entries:
-        """Entries of GRAD w that are not zero for every w."""
         return [(i, j) for i, j in product(range(d), repeat=2)]
 
     def gradient(self, w: Expr) -> Expr:
@@ -163,7 +160,6 @@ class Axisymmetric:
         return 3
 
     def entries(self, d: int) -> Entries:
-        """Entries of GRAD w that are not zero for every w: in the section, and the hoop."""
         return [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2)]
 
     def gradient(self, w: Expr) -> Expr:

@@ -34,7 +34,6 @@ class PointFields:
         facet_stress: P at any point of a cell (3, 3) [MPa].
         facet_moduli: dP/dF of the adjoint term, at any point of a cell (m, m) [MPa].
         facet_stretch: F_33 at any point of a cell, at small strain the strain.
-        entries: Entries of F by which it differs from I.
     """
 
     stress: Expr
@@ -117,7 +116,6 @@ class Body:
 
     @property
     def elastic(self) -> Body:
-        """The body whose moduli bound those of this one, by which it is stabilized."""
         if self.points is None:
             return self
         return replace(self, points=None, incremental=not self.small)
@@ -194,12 +192,10 @@ class Body:
 
     @property
     def anisotropic(self) -> bool:
-        """Whether the eigenstrain is a tensor."""
         return self.eigenstrain is not None and self.eigenstrain.ufl_shape != ()
 
     @property
     def pointwise(self) -> Body:
-        """The same body without mean dilatation."""
         return replace(self, mean_dilatation=False)
 
     def effective(self, F: Expr) -> Expr:

@@ -107,8 +107,6 @@ class Laminate(Material):
         return np.einsum("kp,pab->kab", np.diff(integrals, axis=1), np.array(self._plies))
 
     def _by_layer(self, values: NDArray[np.float64]) -> Callable[[NDArray], NDArray]:
-        """f(x) at midpoints of cells from a value for each layer."""
-
         def at(x: NDArray) -> NDArray:
             layer = np.abs(x[2][:, None] - self._middles).argmin(axis=1)
             off = np.abs(x[2] - self._middles[layer]).max(initial=0)
@@ -177,11 +175,7 @@ class Laminate(Material):
 
 
 def _heights(thickness: float | Sequence[float], plies: int) -> NDArray[np.float64]:
-    """Thickness of every ply [mm].
-
-    Raises:
-        ValueError: one is not positive, or their number does not match the plies.
-    """
+    """Thickness of every ply [mm]."""
     heights = np.asarray(thickness)
     if heights.shape not in ((), (plies,)) or plies == 0:
         raise ValueError(
@@ -196,11 +190,7 @@ def _heights(thickness: float | Sequence[float], plies: int) -> NDArray[np.float
 
 def _moduli(ply: Orthotropic) -> NDArray[np.float64]:
     """C of a ply in x, y, z (6, 6), for strains 11, 22, 33, 23, 13, 12 with engineering shear
-    [MPa].
-
-    Raises:
-        TypeError: it is not :class:`Orthotropic`, or its angle varies in space.
-    """
+    [MPa]."""
     if not isinstance(ply, Orthotropic):
         raise TypeError(f"Laminate: a ply must be Orthotropic(E=, nu=, G=, angle=), got {ply!r}")
     p = ply.parameters
@@ -220,11 +210,7 @@ def _moduli(ply: Orthotropic) -> NDArray[np.float64]:
 
 
 def _check_positive(layers: NDArray[np.float64]) -> None:
-    """Refuse layers (n, 3, 6, 6) whose C~ is not positive definite at a point.
-
-    Raises:
-        ValueError: there is one.
-    """
+    """Refuse layers (n, 3, 6, 6) whose C~ is not positive definite at a point."""
     legendre = np.array([np.ones(3), _POINTS, (3 * _POINTS**2 - 1) / 2])
     for number, layer in enumerate(layers):
         least = np.linalg.eigvalsh(np.einsum("kz,kab->zab", legendre, layer)).min()

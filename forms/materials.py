@@ -286,11 +286,7 @@ class NeoHookean(Material):
 
 
 def _lame_of_moduli(E: Any, nu: Any) -> tuple[Any, Any]:
-    """mu and lambda from E and nu, numbers or arrays.
-
-    Raises:
-        ValueError: out of range.
-    """
+    """mu and lambda from E and nu, numbers or arrays."""
     _check_range("E", E, np.isfinite(E) & np.greater(E, 0), "must be positive and finite")
     _check_range(
         "nu",
@@ -302,11 +298,6 @@ def _lame_of_moduli(E: Any, nu: Any) -> tuple[Any, Any]:
 
 
 def _lame_given(mu: Any, lmbda: Any) -> tuple[Any, Any]:
-    """mu and lambda, checked.
-
-    Raises:
-        ValueError: out of range.
-    """
     _check_range("mu", mu, np.isfinite(mu) & np.greater(mu, 0), "must be positive and finite")
     least = -2 * np.asarray(mu) / 3
     _check_range(

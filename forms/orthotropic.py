@@ -185,11 +185,7 @@ class Cubic(Orthotropic):
 
 
 def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
-    """A proper rotation (3, 3).
-
-    Raises:
-        ValueError: it is not a rotation.
-    """
+    """A proper rotation (3, 3)."""
     axes = np.asarray(rotation)
     if (
         axes.shape != (3, 3)
@@ -205,11 +201,6 @@ def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
 
 
 def _three(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Three constants of a material.
-
-    Raises:
-        TypeError: they are not three numbers.
-    """
     if np.shape(values) != (3,):
         raise TypeError(
             f"Orthotropic: {name} = {values!r} must be three numbers, for example E=(E1, E2, E3), "
@@ -219,11 +210,7 @@ def _three(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 
 def _axial_stiffness(E: NDArray[np.float64], nu: NDArray[np.float64]) -> NDArray[np.float64]:
-    """C of the axial strains (3, 3) [MPa].
-
-    Raises:
-        ValueError: the compliance is not positive definite.
-    """
+    """C of the axial strains (3, 3) [MPa]."""
     S = np.diag(1 / E)
     for value, (i, j) in zip(nu, _PAIRS, strict=True):
         S[i, j] = S[j, i] = -value / E[i]

@@ -23,17 +23,6 @@ def pressure_force(eta: Expr, body: Body, geometry: Geometry, u: Expr, N: Expr, 
     return p * ufl.dot(area_vector(body, F, N), eta)
 
 
-def crack_face_force(eta: Expr, body: Body, geometry: Geometry, u: Expr, N: Expr, p: Expr) -> Expr:
-    """The same on both faces of an interface, with p and N of side 1; on side 2 the outward N is
-    used."""
-
-    def on_face(side: str) -> Expr:
-        F = ufl.variable(geometry.deformation(u)(side))
-        return p * ufl.dot(area_vector(body, F, N), eta(side))
-
-    return on_face("+") - on_face("-")
-
-
 def foundation(normal: Expr, tangential: Expr, N: Expr) -> Expr:
     """K = k_n N(x)N + k_t (I - N(x)N), stiffness of springs on a surface (d, d) [MPa/mm]."""
     across = ufl.outer(N, N)

@@ -9,19 +9,15 @@ Files of gmsh, Neper, Abaqus, Salome, meshio and others are read by :func:`read_
 from vmdg.base.door import door
 
 from .apart import apart
-from .beams import beams
-from .discs import core_and_ring
+from .beams import beams, plates
 from .fibre_cell import fibre_cell
 from .fibres import fibre_matrix, random_fibres
 from .files import read_mesh, write_mesh
 from .gmsh_model import TaggedMesh, distribute, model
 from .packing import pack
 from .partition import cell_partitioner
-from .plate import tearing
-from .plates import plates
 from .polycrystal import polycrystal
-from .pushout import pushout
-from .pushout_section import pushout_section
+from .pushout import pushout, pushout_section
 from .two_blocks import blocks
 from .walls import with_wall
 
@@ -31,7 +27,6 @@ __all__ = [
     "beams",
     "blocks",
     "cell_partitioner",
-    "core_and_ring",
     "distribute",
     "fibre_cell",
     "fibre_matrix",
@@ -43,7 +38,6 @@ __all__ = [
     "pushout_section",
     "random_fibres",
     "read_mesh",
-    "tearing",
     "with_wall",
     "write_mesh",
 ]

@@ -16,6 +16,7 @@ from dolfinx.mesh import Mesh, MeshTags, create_mesh, meshtags
 from numpy.typing import NDArray
 
 from .. import compat
+from ..base.parallel import index_map_of
 from ..domain.tags import NamedTags
 from ..domain.topology import UNTAGGED, tags_of_cells
 from .gmsh_model import TaggedMesh
@@ -134,25 +135,14 @@ def _rows_of(
     comm: MPI.Comm, rows: NDArray[np.int32], numbers: NDArray[np.int64]
 ) -> NDArray[np.int32]:
     """The rows (n, k) of all ranks with these numbers; collective."""
-    ends = np.cumsum(comm.allgather(len(rows)))
-    first = int(ends[comm.rank]) - len(rows)
-    foreign = (numbers < first) | (numbers >= first + len(rows))
-    ghosts = np.unique(numbers[foreign])
-    owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
-    imap = compat.index_map(comm, len(rows), ghosts, owners)
+    imap, local = index_map_of(comm, len(rows), numbers)
     values = la.vector(imap, rows.shape[1], dtype=np.int32)
     values.array[: rows.size] = rows.ravel()
     values.scatter_forward()
-    local = np.where(foreign, len(rows) + np.searchsorted(ghosts, numbers), numbers - first)
     return values.array.reshape(-1, rows.shape[1])[local]
 
 
 def _names(parts: Sequence[NamedTags | MeshTags]) -> dict[str, int]:
-    """Tag by name of the groups of all parts.
-
-    Raises:
-        ValueError: two parts have one name for different tags.
-    """
     names: dict[str, int] = {}
     for part in parts:
         for name, tag in getattr(part, "names", {}).items():

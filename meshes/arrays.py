@@ -12,8 +12,8 @@ import gmsh
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+
+from vmdg.base.graph import components
 
 from .gmsh_model import COINCIDENT
 
@@ -85,36 +85,26 @@ class MeshArrays:
 
     @cached_property
     def dim(self) -> int:
-        """Dimension of the cells."""
         return max(block.dim for block in self.blocks)
 
     def of(self, dim: int) -> list[Block]:
-        """Blocks of a dimension."""
         return [block for block in self.blocks if block.dim == dim]
 
     def tag(self, dim: int, group: int) -> int:
-        """Tag of a group in the file."""
         return group - self.shift * (dim == self.dim)
 
     def called(self, dim: int, group: int) -> str:
-        """Name of a group for messages."""
         name = self.name.get((dim, group))
         return str(self.tag(dim, group)) if name is None else repr(name)
 
     @cached_property
     def name(self) -> dict[tuple[int, int], str]:
-        """Names by dimension and tag."""
         return {
             (dim, tag): name for dim, names in self.names.items() for name, tag in names.items()
         }
 
 
 def from_gmsh(gmsh_model: Any) -> MeshArrays:
-    """Cells and facets of a gmsh model.
-
-    Raises:
-        ValueError: it has no cells in a plane or in space, or lacks nodes of theirs.
-    """
     tags, points, _ = gmsh_model.mesh.getNodes()
     order = np.argsort(tags)
     ascending = tags[order]
@@ -137,11 +127,7 @@ def from_gmsh(gmsh_model: Any) -> MeshArrays:
 
 
 def only_cells_and_facets(mesh: MeshArrays) -> MeshArrays:
-    """The mesh without points and, in 3D, edges.
-
-    Raises:
-        ValueError: there are no cells.
-    """
+    """The mesh without points and, in 3D, edges."""
     dim = max((block.dim for block in mesh.blocks), default=0)
     if dim < 2:
         raise ValueError(
@@ -192,9 +178,6 @@ def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]
 
     Args:
         distance: Points closer than this coincide [mm]; None for rounding only.
-
-    Raises:
-        ValueError: so many points coincide that the distance must be wrong.
     """
     used = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
     points = mesh.points[used]
@@ -205,8 +188,7 @@ def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]
             f"its nodes have more than {MANY} others within {reach:g}; is merge= in its units?"
         )
     pairs = tree.query_pairs(reach, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(used), len(used)))
-    _, component = connected_components(graph, directed=False)
+    component = components(*pairs.T, len(used))
     first = np.unique(component, return_index=True)[1]
     result = np.arange(len(mesh.points))
     result[used] = used[first[component]]
@@ -226,11 +208,7 @@ def count_flat(mesh: MeshArrays, place: NDArray[np.int64]) -> int:
 
 def merged(mesh: MeshArrays, place: NDArray[np.int64]) -> MeshArrays:
     """Merge coincident nodes; flat cells of degree 1 become facets of their group, others are
-    dropped.
-
-    Raises:
-        ValueError: a cell with coincident nodes is not flat.
-    """
+    dropped."""
     dim, blocks, names = mesh.dim, [], {d: dict(names) for d, names in mesh.names.items()}
     new = max((block.group for block in mesh.of(dim - 1)), default=0)
     for block in mesh.blocks:
@@ -332,9 +310,6 @@ def one_group_each(mesh: MeshArrays, groups: Collection[str | int] | None) -> Me
 
     Args:
         groups: Names or tags of the groups to use; None for all.
-
-    Raises:
-        ValueError: there is no such group, or a cell or facet is in two of them.
     """
     if groups is not None:
         mesh = _only(mesh, groups)
@@ -349,7 +324,6 @@ def one_group_each(mesh: MeshArrays, groups: Collection[str | int] | None) -> Me
 
 
 def _only(mesh: MeshArrays, groups: Collection[str | int]) -> MeshArrays:
-    """Remove cells and facets of other groups from their groups."""
     there = sorted({(block.dim, block.group) for block in mesh.blocks if block.group})
     called = {key: {mesh.called(*key), str(mesh.tag(*key))} for key in there}
     wanted = {group: repr(group) for group in groups}
@@ -367,7 +341,6 @@ def _only(mesh: MeshArrays, groups: Collection[str | int]) -> MeshArrays:
 
 
 def _each_once(mesh: MeshArrays, blocks: list[Block]) -> list[Block]:
-    """Blocks of one type without duplicates."""
     nodes = np.concatenate([block.nodes for block in blocks])
     sizes = [len(block.nodes) for block in blocks]
     group = np.repeat([block.group for block in blocks], sizes)

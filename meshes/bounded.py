@@ -42,9 +42,6 @@ def converted(path: Path) -> Path:
     """A universal file as a .msh next to it.
 
     gmsh does it in a process of its own, which a damaged file of this format would kill.
-
-    Raises:
-        ValueError: gmsh cannot read it.
     """
     with path.open("rb") as file:
         if file.read(4096).split()[:1] != [b"-1"]:
@@ -64,9 +61,6 @@ def bounded(size: int) -> Iterator[None]:
 
     Args:
         size: Of the file [bytes].
-
-    Raises:
-        ValueError: the bound is reached.
     """
     before = resource.getrlimit(resource.RLIMIT_AS)
     limit = _address_space() + ROOM + PER_BYTE * size

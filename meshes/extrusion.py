@@ -69,7 +69,6 @@ def _plane_mesh(
 
 
 def _first_images(points: NDArray[np.float64], size: float) -> NDArray[np.int64]:
-    """Number of every point, equal for matching points on opposite sides."""
     grid = np.round(points / (TOLERANCE * size)).astype(np.int64) % round(1 / TOLERANCE)
     return np.unique(grid, axis=0, return_inverse=True)[1].ravel()
 

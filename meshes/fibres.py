@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from mpi4py import MPI
@@ -12,7 +12,7 @@ import gmsh
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .gmsh_model import TaggedMesh, distribute, model, name_groups
+from .gmsh_model import TaggedMesh, distribute, model, name_groups, one_size
 from .periodic import BOTTOM, LEFT, RIGHT, TOP
 
 CELLS = ("triangle", "quadrilateral")
@@ -34,8 +34,6 @@ def fibre_matrix(
     radius: float = 0.25,
     centres: ArrayLike | None = None,
     element_size: float = 0.1,
-    interface_size: float | None = None,
-    grading: float | None = None,
 ) -> TaggedMesh:
     """Fibres of one radius in the square [0, size] x [0, size]; unstructured, matching meshes.
 
@@ -47,10 +45,7 @@ def fibre_matrix(
         size: Side of the square [mm].
         radius: Radius of every fibre [mm].
         centres: Centres of the fibres (n, 2) [mm]; default one fibre in the middle.
-        element_size: Away from the interfaces [mm].
-        interface_size: At the interfaces [mm]; default ``element_size``.
-        grading: Distance from an interface over which the elements grow from one size to the
-            other [mm]; default ``size / 2``.
+        element_size: Size of the cells [mm].
 
     Returns:
         Mesh; cell tags 1 (fibres) and 2 (matrix); facet tags 1 left, 2 right, 3 fibre-matrix
@@ -63,12 +58,10 @@ def fibre_matrix(
         raise ValueError(f"fibre_matrix: cell = {cell!r} must be one of {CELLS}")
     centres = np.full((1, 2), size / 2) if centres is None else np.asarray(centres, dtype=float)
     _check(centres, radius, size)
-    fine = element_size if interface_size is None else interface_size
-    reach = size / 2 if grading is None else grading
     with model("fibre_matrix") as gmsh_model:
         if comm.rank == 0:
-            boundary = _geometry(gmsh_model, 1.0, radius / size, centres / size)
-            _sizes(gmsh_model, boundary, fine / size, element_size / size, reach / size)
+            _geometry(gmsh_model, 1.0, radius / size, centres / size)
+            one_size(element_size / size)
             generate_cells(gmsh_model, cell)
         return distribute(gmsh_model, comm, 2, unit=size)
 
@@ -133,10 +126,7 @@ def _check(centres: NDArray[np.float64], radius: float, size: float) -> None:
         raise ValueError(f"fibre_matrix: two fibres are {apart.min():.4g} apart and overlap")
 
 
-def _geometry(
-    gmsh_model: Any, size: float, radius: float, centres: NDArray[np.float64]
-) -> Sequence[int]:
-    """Surfaces and physical groups; returns the curves of the interfaces."""
+def _geometry(gmsh_model: Any, size: float, radius: float, centres: NDArray[np.float64]) -> None:
     occ = gmsh_model.occ
     square = (2, occ.addRectangle(0, 0, 0, size, size))
     discs = [(2, occ.addDisk(x, y, 0, radius, radius)) for x, y in centres]
@@ -158,27 +148,6 @@ def _geometry(
         gmsh_model.addPhysicalGroup(1, curves, tag)
     name_groups(gmsh_model, 2, _BODIES)
     name_groups(gmsh_model, 1, _SIDES)
-    return interface
-
-
-def _sizes(
-    gmsh_model: Any, curves: Sequence[int], fine: float, coarse: float, reach: float
-) -> None:
-    """Element size: ``fine`` on the curves, growing linearly to ``coarse`` at ``reach``."""
-    field = gmsh_model.mesh.field
-    distance = field.add("Distance")
-    field.setNumbers(distance, "CurvesList", curves)
-    field.setNumber(distance, "Sampling", 200)
-    threshold = field.add("Threshold")
-    for name, value in (
-        ("InField", distance),
-        ("SizeMin", fine),
-        ("SizeMax", coarse),
-        ("DistMin", 0),
-        ("DistMax", reach),
-    ):
-        field.setNumber(threshold, name, value)
-    field.setAsBackgroundMesh(threshold)
 
 
 def generate_cells(gmsh_model: Any, cell: str) -> None:

@@ -22,7 +22,7 @@ from dolfinx.mesh import Mesh, create_mesh, meshtags
 from numpy.typing import NDArray
 
 from vmdg.base.parallel import warn_together
-from vmdg.base.words import checked_path, near_keywords
+from vmdg.base.words import checked_path
 from vmdg.domain.tags import NamedTags, names_of
 
 from .abaqus import read_abaqus
@@ -56,7 +56,6 @@ BEGIN, END = (b"$MeshFormat", b"$NOD", b"$Comments"), (b"$EndElements", b"$ENDEL
 T = TypeVar("T")
 
 
-@near_keywords(tags="cell_tags", physical="groups", tolerance="merge")
 def read_mesh(
     path: str | Path,
     comm: MPI.Comm = MPI.COMM_WORLD,
@@ -233,7 +232,6 @@ def _load(
 def _arrays(
     path: Path, gmsh_model: Any, cell_tags: str | None, facet_tags: str | None
 ) -> tuple[MeshArrays, bool]:
-    """The mesh of a file, and whether it differs from the one that gmsh has loaded."""
     with bounded(_size(path)):
         if path.suffix.lower() in (".msh", ".unv"):
             with alone(path) as copy:
@@ -264,7 +262,6 @@ def _points_of(
 
 
 def _check_groups(mesh: MeshArrays) -> None:
-    """Check that every cell is in a group."""
     word = {2: "surface", 3: "volume"}[mesh.dim]
     cells = mesh.of(mesh.dim)
     lost = sum(len(block.nodes) for block in cells if not block.group)
@@ -341,11 +338,7 @@ def _open(path: Path) -> None:
 
 
 def _physical_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
-    """Dimension, tag and name of physical groups as they are written.
-
-    Raises:
-        ValueError: a dimension does not exist; gmsh would write past the end of an array.
-    """
+    """Dimension, tag and name of physical groups as they are written."""
     content.seek(max(content.find(b"$PhysicalNames"), 0))
     if not content.readline().startswith(b"$PhysicalNames"):
         return
@@ -359,7 +352,6 @@ def _physical_names(content: mmap.mmap) -> Iterator[tuple[int, int, str]]:
 
 
 def shifted(tagged: TaggedMesh, shift: int) -> TaggedMesh:
-    """The mesh with the cell tags of the file."""
     if not shift:
         return tagged
     mesh, cells, facets = tagged

@@ -42,11 +42,6 @@ _PHYSICAL = "gmsh:physical"
 
 
 def meshio() -> ModuleType:
-    """The library.
-
-    Raises:
-        ImportError: it is not installed.
-    """
     lacking = [name for name in ("meshio", "h5py") if find_spec(name) is None]
     if lacking:
         raise ImportError(
@@ -59,11 +54,6 @@ def meshio() -> ModuleType:
 
 
 def endings() -> tuple[str, ...]:
-    """Suffixes of the files that meshio reads.
-
-    Raises:
-        ImportError: it is not installed.
-    """
     return tuple(sorted(meshio().extension_to_filetypes))
 
 
@@ -76,10 +66,6 @@ def read_foreign(
         cell_tags: Name of the cell data used as tags; None for the only integer data.
         facet_tags: Name of the facet data; None for the same.
         form: Name of the format in meshio; None to use the suffix.
-
-    Raises:
-        ValueError: it cannot be read, has unsupported cells, or several data sets that may be tags.
-        ImportError: meshio is not installed.
     """
     mesh = _read(path, form)
     points = np.zeros((len(mesh.points), 3))
@@ -170,11 +156,7 @@ def _sets(mesh: Any) -> dict[str, list[NDArray[np.int64]]]:
 
 
 def _data(mesh: Any, blocks: list[Block], wanted: str | None, of_cells: str | None) -> str | None:
-    """Name of the data used as tags of these blocks; None where there are none.
-
-    Raises:
-        ValueError: there are no data of this name, or several candidates.
-    """
+    """Name of the data used as tags of these blocks; None where there are none."""
     data = {
         name: np.concatenate([np.asarray(values[block.entity - 1]) for block in blocks])
         for name, values in mesh.cell_data.items()

@@ -19,7 +19,7 @@ from vmdg import compat
 from vmdg.base.parallel import raise_together
 from vmdg.base.tables import rounded
 from vmdg.domain.tags import NamedTags
-from vmdg.meshes.partition import between_bodies, cell_partitioner, slabs, weighted
+from vmdg.meshes.partition import cell_partitioner, slabs
 from vmdg.meshes.plane import Plane, turn
 
 #: Nodes closer than this, relative to the longest side of the mesh, coincide.
@@ -81,7 +81,6 @@ def model(name: str) -> Iterator[Any]:
 
 
 def one_size(size: float) -> None:
-    """Set a uniform cell size in the current model."""
     for bound in ("Min", "Max"):
         gmsh.option.setNumber(f"Mesh.MeshSize{bound}", size)
 
@@ -93,13 +92,6 @@ def generate_tetrahedra(gmsh_model: Any) -> None:
 
 
 def name_groups(gmsh_model: Any, dim: int, names: Mapping[str, int]) -> None:
-    """Name physical groups of a dimension, as far as the model has them.
-
-    Args:
-        gmsh_model: The model.
-        dim: Dimension of the groups.
-        names: Tag by name.
-    """
     there = {tag for _, tag in gmsh_model.getPhysicalGroups(dim)}
     for name, tag in names.items():
         if tag in there:
@@ -110,7 +102,6 @@ def distribute(
     gmsh_model: Any,
     comm: MPI.Comm,
     gdim: int,
-    interface_weight: int = 1,
     slabs_along: int | None = None,
     unit: float = 1.0,
     plane: Plane | None = None,
@@ -121,8 +112,6 @@ def distribute(
         gmsh_model: Meshed, with a physical group for every body. Group names are kept.
         comm: Communicator.
         gdim: Geometric dimension.
-        interface_weight: Weight of cells next to another body, so that the ranks share the work of
-            the interfaces too.
         slabs_along: Cut across this axis only (0, 1, 2), see :func:`vmdg.meshes.partition.slabs`.
         unit: Unit of the lengths of the model [mm]. gmsh has absolute tolerances and minimum
             lengths; the unit makes the mesh of a model in m equal to that in mm.
@@ -131,7 +120,7 @@ def distribute(
             the model are rotated into z = 0.
 
     Raises:
-        ValueError: a weight below 1, cells without a group, cells or facets in two groups, cells of
+        ValueError: cells without a group, cells or facets in two groups, cells of
             several types or of an unsupported one, nodes in another order than that of gmsh, facets
             without a cell, a 2D mesh that does not lie in its plane, or ``plane`` is not a plane.
     """
@@ -141,14 +130,9 @@ def distribute(
         names = [_names(gmsh_model, dim) for dim in (gdim, gdim - 1)]
     raise_together(comm, message)
     graph_partitioner = None
-    if interface_weight != 1 or slabs_along is not None:
-        groups, midpoints = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
-        if comm.rank == 0:
-            groups, midpoints = compat.gmsh_cells(gmsh_model, gdim)
-        if slabs_along is None:
-            graph_partitioner = weighted(between_bodies(groups, interface_weight))
-        else:
-            graph_partitioner = slabs(midpoints[:, slabs_along])
+    if slabs_along is not None:
+        midpoints = compat.gmsh_midpoints(gmsh_model, gdim) if comm.rank == 0 else np.zeros((0, 3))
+        graph_partitioner = slabs(midpoints[:, slabs_along])
     partitioner = cell_partitioner(graph_partitioner)
     mesh, *tags = compat.gmsh_model_to_mesh(gmsh_model, comm, 0, gdim, partitioner)
     mesh.geometry.x[:] *= unit
@@ -224,7 +208,6 @@ def _wrong_cells(gmsh_model: Any, gdim: int) -> str | None:
 
 
 def _nodes(name: str, degree: int) -> int:
-    """Number of nodes of a complete cell of a degree."""
     if name.startswith("Triangle"):
         return (degree + 1) * (degree + 2) // 2
     if name.startswith("Tetrahedron"):

@@ -19,6 +19,9 @@ JAMMED = {2: 0.82, 3: 0.62}
 #: Random restarts before a packing is considered impossible.
 STARTS = 10
 
+#: Intervals between places to avoid that are tried along each axis for the sides of a cell.
+_CANDIDATES = 12
+
 
 def pack(
     count: int,
@@ -85,9 +88,7 @@ def _apart(
     Args:
         centres: (n, dim).
         radii: Radii of the balls (n,).
-        size: Side of the cell.
         periodic: Whether balls leave and enter; otherwise they stay inside.
-        sweeps: Moves of all balls before giving up.
         aim: Extra distance of separated pairs, in radii, so that the sweeps end.
     """
     if 2 * radii.max() > size:  # a ball touches two sides, or its own image
@@ -151,7 +152,6 @@ def well_cut(
     tangents: Sequence[NDArray[np.float64]],
     size: float,
     clear: Callable[[NDArray[np.float64]], float],
-    candidates: int = 12,
 ) -> NDArray[np.float64]:
     """Best position of the sides of a periodic cell: its low corner (dim,).
 
@@ -162,13 +162,12 @@ def well_cut(
         tangents: Along every axis, coordinates that sides should avoid (n,) [mm].
         size: Side of the cell [mm].
         clear: Distance of a corner of the cell from places to avoid [mm].
-        candidates: Number of intervals between places to avoid that are tried along each axis.
     """
     places, margins = [], []
     for x in tangents:
         ordered = np.sort(np.ravel(x) % size)
         gaps = np.diff(ordered, append=ordered[0] + size)
-        best = np.argsort(-gaps, kind="stable")[:candidates]
+        best = np.argsort(-gaps, kind="stable")[:_CANDIDATES]
         places.append((ordered[best] + gaps[best] / 2) % size)
         margins.append(gaps[best] / 2)
     choices = itertools.product(*(range(len(x)) for x in places))
@@ -195,7 +194,6 @@ def cut_balls(
     around = np.array(radii)[:, None]
 
     def clear(corner: NDArray[np.float64]) -> float:
-        """Distance of a corner from the circles."""
         apart = centres - corner
         apart -= size * np.round(apart / size)
         return np.abs(np.linalg.norm(apart, axis=1) - around).min()

@@ -10,22 +10,20 @@ from mpi4py import MPI
 import basix
 import numpy as np
 from dolfinx import la
-from dolfinx.cpp.graph import AdjacencyList_int32, AdjacencyList_int64
+from dolfinx.cpp.graph import AdjacencyList_int32
 from dolfinx.graph import partitioner
 from dolfinx.mesh import to_string
 from numpy.typing import NDArray
 
 from vmdg import compat
 from vmdg.base.graph import components
-from vmdg.base.parallel import gathered
+from vmdg.base.parallel import gathered, index_map_of
 
 #: Communicator, number of parts, graph of the cells, whether ghosts are wanted; parts of the cells.
 GraphPartitioner = Callable[[MPI.Comm, int, Any, bool], Any]
 
 #: Communicator, number of parts, types of cells and their nodes; ranks of the cells, owners first.
 CellPartitioner = Callable[[MPI.Comm, int, Any, Any], Any]
-
-Weigh = Callable[[NDArray[np.int64], NDArray[np.int32]], NDArray[np.int32]]
 
 
 def cell_partitioner(graph_partitioner: GraphPartitioner | None = None) -> CellPartitioner:
@@ -60,20 +58,14 @@ def _several_pieces(comm: MPI.Comm, graph: Any) -> bool:
     """Whether a distributed graph, with global numbers of neighbours, is not connected;
     collective."""
     count, neighbours = len(graph.offsets) - 1, np.asarray(graph.array)
-    ends = np.cumsum(comm.allgather(count))
-    first = int(ends[comm.rank]) - count
-    foreign = (neighbours < first) | (neighbours >= first + count)
-    ghosts = np.unique(neighbours[foreign])
-    owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
-    local = np.where(foreign, count + np.searchsorted(ghosts, neighbours), neighbours - first)
-    piece = components(
-        np.repeat(np.arange(count), np.diff(graph.offsets)), local, count + len(ghosts)
-    )
+    imap, local = index_map_of(comm, count, neighbours)
+    cell = np.repeat(np.arange(count), np.diff(graph.offsets))
+    piece = components(cell, local, count + imap.num_ghosts)
     # Pieces of different ranks are joined by the nodes that are ghosts of one of them.
     here = int(piece.max(initial=-1)) + 1
     counts = np.cumsum(comm.allgather(here))
     before = int(counts[comm.rank]) - here
-    number = la.vector(compat.index_map(comm, count, ghosts, owners), 1, dtype=np.int64)
+    number = la.vector(imap, 1, dtype=np.int64)
     number.array[:] = before + piece
     number.scatter_forward()
     joined = np.column_stack([before + piece[count:], number.array[count:]])
@@ -97,67 +89,6 @@ def _everywhere(
     order = np.argsort(cells, kind="stable")
     offsets = np.concatenate([[0], np.cumsum(np.bincount(cells, minlength=len(counts)))])
     return AdjacencyList_int32(ranks[order], offsets.astype(np.int32))
-
-
-def weighted(weigh: Weigh) -> GraphPartitioner:
-    """A graph partitioner with cell weights.
-
-    DOLFINx's partitioners take no weights. So a cell of weight w is given w - 1 leaves, graph nodes
-    connected to the cell only: parts with equal numbers of nodes have equal weights, and minimising
-    cut edges keeps leaves and cell together. For ``create_cell_partitioner`` of DOLFINx.
-
-    Args:
-        weigh: Integer weights of the cells, at least 1, from the neighbours of this rank's cells
-            and their offsets.
-    """
-
-    def partition(comm: MPI.Comm, parts: int, graph: Any, ghosting: bool) -> Any:
-        cells = len(graph.offsets) - 1
-        leaves = weigh(graph.array, graph.offsets) - 1
-        found = partitioner()(comm, parts, with_leaves(comm, graph, leaves), ghosting)
-        offsets = found.offsets[: cells + 1]
-        return AdjacencyList_int32(found.array[: offsets[-1]], offsets)
-
-    return partition
-
-
-def with_leaves(comm: MPI.Comm, graph: Any, leaves: NDArray[np.int32]) -> AdjacencyList_int64:
-    """The graph with this number of leaves at every node; the leaves of a rank follow its nodes."""
-    nodes, new = len(leaves), int(leaves.sum())
-    counts = np.array(comm.allgather((nodes, new)))
-    before = np.concatenate([np.zeros((1, 2), dtype=np.int64), np.cumsum(counts, axis=0)])
-    first = before[comm.rank].sum()
-    neighbours = np.asarray(graph.array)
-    owner = np.searchsorted(before[:, 0], neighbours, side="right") - 1
-    parents = np.repeat(np.arange(nodes), leaves)
-    names = np.arange(new) + nodes
-    begins = np.concatenate([np.repeat(np.arange(nodes), np.diff(graph.offsets)), parents, names])
-    ends = np.concatenate([neighbours + before[owner, 1], first + names, first + parents])
-    order = np.argsort(begins, kind="stable")
-    offsets = np.concatenate([[0], np.cumsum(np.bincount(begins, minlength=nodes + new))])
-    return AdjacencyList_int64(ends[order].astype(np.int64), offsets.astype(np.int32))
-
-
-def between_bodies(tags: NDArray[np.int32], weight: int) -> Weigh:
-    """Give cells next to another body a weight, all others weight 1.
-
-    Args:
-        tags: Bodies of all cells, in the order in which one rank passes them to ``create_mesh``.
-
-    Raises:
-        ValueError: a weight below 1.
-    """
-    if weight < 1:
-        raise ValueError(f"between_bodies: weight = {weight} must be at least 1")
-
-    def weigh(neighbours: NDArray[np.int64], offsets: NDArray[np.int32]) -> NDArray[np.int32]:
-        count = np.diff(offsets)
-        cells = np.repeat(np.arange(len(count)), count)
-        weights = np.ones(len(count), dtype=np.int32)
-        weights[cells[tags[cells] != tags[neighbours]]] = weight
-        return weights
-
-    return weigh
 
 
 def slabs(coordinate: NDArray[np.float64]) -> GraphPartitioner:

@@ -43,9 +43,6 @@ def match_sides(
     Args:
         size: Side of the cell [mm].
         fit: Tolerance between an entity and its image, relative to the size.
-
-    Raises:
-        ValueError: a side has another geometry than the opposite one.
     """
     for axis, pair in enumerate(PAIRS[:dim]):
         low, high = (_marks(gmsh_model, found[tag], dim, size) for tag in pair)

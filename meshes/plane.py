@@ -21,9 +21,6 @@ def turn(gmsh_model: Any, gdim: int, plane: Plane | None) -> None:
 
     Args:
         plane: Where it lies; None for a plane z = const.
-
-    Raises:
-        ValueError: it does not lie in the plane, it is not 2D, or ``plane`` is not a plane.
     """
     if gdim != 2:
         if plane is not None:

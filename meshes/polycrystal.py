@@ -96,7 +96,6 @@ def polycrystal(
 
 
 def _geometry(gmsh_model: Any, grains: Tessellation, size: float, periodic: bool) -> None:
-    """Bodies, their groups, and matching sides."""
     geo, dim = gmsh_model.geo, grains.points.shape[1]
     faces = _faces(geo, grains)
     bodies: dict[int, list[int]] = {}
@@ -138,7 +137,6 @@ def _faces(geo: Any, grains: Tessellation) -> dict[frozenset[int], int]:
     lines: dict[tuple[int, int], int] = {}
 
     def line(a: int, b: int) -> int:
-        """Line from a to b; negative if it was created from b to a."""
         if (a, b) not in lines:
             lines[a, b] = geo.addLine(corners[a], corners[b])
             lines[b, a] = -lines[a, b]

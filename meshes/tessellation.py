@@ -64,9 +64,6 @@ def tessellate(
         weights: (n,) [mm2]; equal ones for Voronoi cells.
         size: Side of the cell [mm].
         shortest: Least length of an edge [mm].
-
-    Raises:
-        ValueError: a weight leaves a seed without a cell, or the cells do not fill the square.
     """
     planes = _bounded(seeds, weights, size, periodic)
     if periodic:
@@ -127,7 +124,6 @@ def _bounded(
 
 
 def _moved(planes: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same body, translated."""
     return np.column_stack([planes[:, :-1], planes[:, -1] - planes[:, :-1] @ shift])
 
 
@@ -193,7 +189,6 @@ def _pieces(
 def _in_order(
     corners: NDArray[np.float64], on: NDArray[np.int64], normal: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Corners of a flat face in order around it."""
     if len(normal) == 2:
         return on
     arms = corners[on] - corners[on].mean(axis=0)
@@ -298,7 +293,6 @@ class _Faces:
         self._parts: dict[frozenset[int], list[tuple[int, ...]]] = {}
 
     def flat(self, face: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """The face, or triangles instead if it is bent."""
         key = frozenset(face)
         if key not in self._parts:
             bent = len(face) > 3 and not self._on_side(face)
@@ -346,8 +340,6 @@ def _sense(corners: NDArray[np.float64], face: NDArray[np.int64]) -> int:
 
 
 def _triangles(face: tuple[int, ...], points: NDArray[np.float64]) -> list[tuple[int, ...]]:
-    """Triangulation of a polygon that maximises the quality of its worst triangle."""
-
     def goodness(i: int, j: int, k: int) -> float:
         x = points[[face[i], face[j], face[k]]]
         edges = x - np.roll(x, 1, axis=0)

@@ -82,7 +82,6 @@ def build_blocks(
     depth: float,
     interface: Sequence[float],
 ) -> None:
-    """Add the meshed blocks to a gmsh model; arguments as for :func:`blocks`."""
     geo = gmsh_model.geo
     bottom = [geo.addPoint(x, 0, 0) for x in (0, interface[0], length)]
     top = [geo.addPoint(x, height, 0) for x in (0, interface[1], length)]

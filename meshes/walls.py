@@ -142,7 +142,6 @@ def _with_layer(
     thickness: float | None,
     name: str,
 ) -> MeshArrays:
-    """The whole mesh with the layer."""
     points, cells, tags, facets, values, along, normal = arrays
     dim = max(groups)
     kind, facet_kind, facet_type = _KINDS[cell]

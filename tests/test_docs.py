@@ -176,7 +176,7 @@ def test_arguments_are_documented():
 UNIT = re.compile(r"\[[^\]]*(mm|MPa|N|s|-)[^\]]*\]|\b(MPa|mm)\b")
 QUANTITIES = (
     "E mu kappa lmbda strength critical_gap viscosity thickness length height depth width radius "
-    "element_size interface_size size fibre_radius hole_radius matrix_radius precrack outer trial "
+    "element_size size fibre_radius hole_radius matrix_radius precrack outer trial "
     "penalty gap softening tensile_strength shear_strength level_set"
 ).split()
 

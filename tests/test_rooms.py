@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -24,6 +25,7 @@ FLOORS = (
     ("interface",),
     ("assembly",),
     ("problem",),
+    ("checks",),
     ("output",),
     ("plot", "checkpoint", "linear"),
     ("sensitivity",),
@@ -54,7 +56,11 @@ def module_name(path: Path) -> str:
 
 
 FILES = {module_name(path): path for folder in folders() for path in sorted(folder.glob("*.py"))}
-TREES = {name: ast.parse(path.read_text()) for name, path in FILES.items()}
+
+
+@cache
+def tree(module: str) -> ast.Module:
+    return ast.parse(FILES[module].read_text())
 
 
 def room(module: str) -> str:
@@ -64,7 +70,7 @@ def room(module: str) -> str:
 def imports(module: str) -> Iterator[str]:
     """All that a file imports, in functions and for type checkers too, save the version."""
     is_package = FILES[module].name == "__init__.py"
-    for node in ast.walk(TREES[module]):
+    for node in ast.walk(tree(module)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -75,18 +81,21 @@ def imports(module: str) -> Iterator[str]:
                 yield full if full in FILES else base
 
 
-GRAPH = {module: {name for name in imports(module) if name in FILES} for module in FILES}
+@cache
+def graph() -> dict[str, set[str]]:
+    """What every file imports of others."""
+    return {module: {name for name in imports(module) if name in FILES} for module in FILES}
 
 
 def test_imports_run_down():
     """A file imports from its own room and from floors below."""
-    pairs = [(m, n) for m, needs in GRAPH.items() for n in needs if room(m) != room(n)]
+    pairs = [(m, n) for m, needs in graph().items() for n in needs if room(m) != room(n)]
     assert not [pair for pair in pairs if FLOOR[room(pair[0])] <= FLOOR[room(pair[1])]]
 
 
 def test_no_circle():
     """No file needs itself, however long the way round."""
-    TopologicalSorter(GRAPH).prepare()
+    TopologicalSorter(graph()).prepare()
 
 
 @pytest.mark.parametrize("ground", GROUND)
@@ -116,8 +125,8 @@ def test_classes_are_small():
     """No class shows more than a reader can hold in the head."""
     shown = {
         f"{module}.{node.name}": len(public_names(node))
-        for module, tree in TREES.items()
-        for node in ast.walk(tree)
+        for module in FILES
+        for node in ast.walk(tree(module))
         if isinstance(node, ast.ClassDef)
     }
     assert not {name: count for name, count in shown.items() if count > MOST_NAMES}

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import textwrap
+from functools import cache
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
@@ -27,11 +28,16 @@ def module(name: str) -> ModuleType:
 
 PAGES, BUILD = module("pages"), module("build")
 readable = module("docstrings").readable
-SOURCES = PAGES.sources()
+
+
+@cache
+def sources() -> dict[str, str]:
+    """The pages of the site, as Sphinx gets them."""
+    return PAGES.sources()
 
 
 def listed() -> list[str]:
-    blocks = [block for text in SOURCES.values() for block in toctrees(text)]
+    blocks = [block for text in sources().values() for block in toctrees(text)]
     lines = [line for block in blocks for line in block.splitlines() if line and line[0] != ":"]
     return [re.sub(r".*<(.+)>", r"\1", line) for line in lines]
 
@@ -42,7 +48,7 @@ def toctrees(text: str) -> list[str]:
 
 def test_every_page_is_listed_once():
     """A page that no table of contents lists would not be found, and none is listed in vain."""
-    pages = {name.removesuffix(".md") for name in SOURCES} - {"index"}
+    pages = {name.removesuffix(".md") for name in sources()} - {"index"}
     entries = listed()
     assert pages == set(entries)
     assert len(entries) == len(set(entries))
@@ -56,11 +62,11 @@ def test_every_file_is_a_page():
     tables = {file for file in files if file.startswith("demos/gallery/")}
     linked = {file for file in files if (ROOT / file).resolve() != (ROOT / file)}
     assert files - tables - linked == set(PAGES.PAGES.values())
-    assert {f"tables/{Path(table).name}" for table in tables} <= set(SOURCES)
+    assert {f"tables/{Path(table).name}" for table in tables} <= set(sources())
     folder = ROOT / "demos"
     scripts = [*folder.glob("*.py"), *folder.glob("studies/*.py")]
     demos = {f"demos/{demo.stem}.md" for demo in scripts}
-    assert demos <= set(SOURCES)
+    assert demos <= set(sources())
 
 
 def test_pages_are_taken_apart_without_loss():
@@ -76,7 +82,7 @@ def test_pages_are_taken_apart_without_loss():
 
 def test_no_line_of_a_paragraph_starts_a_list():
     """To Markdown a full line before one with a minus ends there, and a bare <name> is a tag."""
-    for name, text in SOURCES.items():
+    for name, text in sources().items():
         text = re.sub(r"^(```|~~~).*?^\1", "", text, flags=re.MULTILINE | re.DOTALL)
         assert not re.search(r"^[^\s#|*-].{60,}\n[-+*] ", text, re.MULTILINE), name
         assert not re.search(r"<[a-z]+>", re.sub(r"`[^`]*`", "", text)), name
@@ -99,7 +105,7 @@ def test_links_lead_to_pages_of_the_site():
 
 def test_every_public_name_is_in_the_api():
     """Those of the stub and those of the modules for users."""
-    names = set(re.findall(r"^   ([\w.]+)$", SOURCES["api.md"], re.MULTILINE))
+    names = set(re.findall(r"^   ([\w.]+)$", sources()["api.md"], re.MULTILINE))
     stub = {name for names in PAGES.stub().values() for name in names}
     assert {"Problem", "solve", "Debonding"} <= stub
     assert {f"vmdg.{name}" for name in stub} <= names
@@ -117,7 +123,7 @@ def test_types_of_arguments_are_said():
 
 def test_tutorials_are_chapters():
     """Numbered comments of a script become headings and text, all other lines are shown."""
-    page = SOURCES["demos/tutorial.md"]
+    page = sources()["demos/tutorial.md"]
     assert "### Geometry\n\nBodies and sides get physical groups" in page
     assert "# 1. Geometry" not in page
     lines = (ROOT / "demos" / "tutorial.py").read_text().splitlines()

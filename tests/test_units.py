@@ -21,13 +21,13 @@ import vmdg
 from vmdg import meshes
 from vmdg.assembly.means import lattice_of
 from vmdg.base.tables import rounded
+from vmdg.checks.model import check_model
 from vmdg.compat import geometry_dofmap
 from vmdg.domain.lattice import Lattice
 from vmdg.linear.ksp import GMRES_GAMG, GMRES_LDLT, LU
 from vmdg.linear.system import System
 from vmdg.meshes import TaggedMesh, blocks, fibre_cell
 from vmdg.output.profile import profile
-from vmdg.problem.checks import check_model
 
 pytestmark = pytest.mark.skipif(
     MPI.COMM_WORLD.size > 1, reason="partitions of a mesh differ from time to time"
@@ -316,24 +316,14 @@ def test_load_factor(comm, kinematics):
 
 MESHES: dict[str, Callable[[float, MPI.Comm], TaggedMesh]] = {
     "blocks": lambda L, comm: blocks(comm, "tetrahedron", (2, 2, 2), 2 * L, L, L, (0.8 * L, L)),
-    "tearing": lambda L, comm: meshes.tearing(
-        comm, "triangle", 1.62 * L, 1.35 * L, 0.675 * L, (8, 6, 4), 0.405 * L
-    ),
     "beams": lambda L, comm: meshes.beams(
         comm, stations=(0.0, 30 * L, 100 * L), height=1.5 * L, precrack=30 * L
     ),
     "plates": lambda L, comm: meshes.plates(
         comm, x=(0.0, 30 * L, 100 * L), y=(0.0, 25 * L), height=1.5 * L, precrack=30 * L
     ),
-    "core_and_ring": lambda L, comm: meshes.core_and_ring(comm, L, 2 * L, 0.3 * L),
     "fibre_matrix": lambda L, comm: meshes.fibre_matrix(
         comm, size=L, radius=0.25 * L, element_size=0.15 * L
-    ),
-    "pushout": lambda L, comm: meshes.pushout(
-        comm, 0.95 * L, 4.3 * L, 5.36 * L, 1.025 * L, 3, 4, 1, 1, 3
-    ),
-    "section": lambda L, comm: meshes.pushout_section(
-        comm, fibre_radius=0.95 * L, hole_radius=1.025 * L, matrix_radius=4.3 * L, height=5.36 * L
     ),
     "fibre_cell": lambda L, comm: fibre_cell(3, 0.3, 1, size=L, comm=comm),
     "polycrystal": lambda L, comm: meshes.polycrystal(6, 1, size=L, comm=comm),

@@ -69,7 +69,6 @@ class FacetSubmesh:
 
 
 def facet_submesh(mesh: Mesh, facets: NDArray[np.int32]) -> FacetSubmesh:
-    """Submesh of the given facets (local indices)."""
     fdim = mesh.topology.dim - 1
     submesh, entity_map, *_ = create_submesh(mesh, fdim, facets)
     cells = submesh.topology.index_map(fdim)
@@ -194,7 +193,6 @@ def input_numbers(mesh: Mesh) -> NDArray[np.int64]:
 
 
 def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
-    """Reference points at which a space takes the values it interpolates."""
     points = space.element.interpolation_points
     return points() if callable(points) else points
 
@@ -209,7 +207,6 @@ def timing(name: str) -> tuple[int, float]:
 
 
 def facet_ghost_partitioner(graph_partitioner: Any) -> Any:
-    """Cell partitioner with ghosts by shared facets, from a partitioner of the cells' graph."""
     given = (graph_partitioner, GhostMode.shared_facet)
     return create_cell_partitioner(*given, 2) if _NEW else create_cell_partitioner(*given)
 
@@ -232,15 +229,14 @@ def _gmshio() -> Any:
     return gmshio
 
 
-def gmsh_cells(model: Any, gdim: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Tags (n,) and midpoints (n, 3) of the cells of a gmsh model, in the order they are sent."""
+def gmsh_midpoints(model: Any, gdim: int) -> NDArray[np.float64]:
+    """Midpoints (n, 3) of the cells of a gmsh model, in the order they are sent."""
     gmshio = _gmshio()
     topologies = gmshio.extract_topology_and_markers(model)
     topologies = topologies[0] if isinstance(topologies, tuple) else topologies
     for element, values in topologies.items():
         if model.mesh.getElementProperties(element)[1] == gdim:
-            corners = gmshio.extract_geometry(model)[values["topology"]]
-            return np.asarray(values["cell_data"], dtype=np.int32), corners.mean(axis=1)
+            return gmshio.extract_geometry(model)[values["topology"]].mean(axis=1)
     raise ValueError(f"the gmsh model has no cells of dimension {gdim} in a physical group")
 
 

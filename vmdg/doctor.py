@@ -73,7 +73,6 @@ def find(name: str) -> tuple[str | None, str]:
 
 
 def petsc_solvers() -> dict[str, bool]:
-    """Which of PETSc's solvers are available."""
     from petsc4py import PETSc
 
     has = {name: bool(PETSc.Sys.hasExternalPackage(key)) for name, key in SOLVERS.items()}
@@ -96,7 +95,6 @@ def blas(maps: Path = Path("/proc/self/maps")) -> str:
 
 
 def threads(environment: Mapping[str, str] = os.environ) -> str:
-    """Threads a rank may start, and cores it may use."""
     wanted = environment.get("OMP_NUM_THREADS")
     given = f"OMP_NUM_THREADS={wanted}" if wanted else "as many as cores (OMP_NUM_THREADS unset)"
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
@@ -205,7 +203,6 @@ def temporary(comm: MPI.Comm) -> Iterator[Path]:
 
 
 def check_packages(comm: MPI.Comm, find: Callable = find) -> str:
-    """Check that all required packages are installed in supported versions."""
     versions = {}
     for name, source in REQUIRED.items():
         versions[name], why = find(name)
@@ -245,7 +242,6 @@ def check_petsc(comm: MPI.Comm, has: Mapping[str, bool] | None = None) -> str:
 
 
 def check_kernels(comm: MPI.Comm) -> str:
-    """Compile forms, or find them in the cache."""
     from .base import kernels
 
     before = len(kernels.requested)
@@ -287,7 +283,6 @@ def check_debonding(comm: MPI.Comm, exact: tuple[float, float, float] | None = N
 
 
 def check_fields(comm: MPI.Comm) -> str:
-    """Write fields for ParaView."""
     import dolfinx
 
     if not dolfinx.has_adios2:
@@ -323,7 +318,6 @@ def check_checkpoints(comm: MPI.Comm) -> str:
 
 
 def check_meshes(comm: MPI.Comm) -> str:
-    """Make a mesh with gmsh."""
     version, why = find("gmsh")
     if version is None:
         raise Missing(f"gmsh is missing ({why}): vmdg.meshes and the demos need it")
@@ -337,10 +331,7 @@ class Check(NamedTuple):
     """One check.
 
     Attributes:
-        name: What is checked.
         run: Runs the check on all ranks and returns its finding; raises on failure.
-        cure: Remedy for a failure.
-        vital: Whether later checks need it.
     """
 
     name: str

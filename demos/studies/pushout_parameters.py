@@ -24,7 +24,6 @@ from parts.verification.checks import Check, compare, describe
 
 import vmdg
 from vmdg.meshes import pushout_section
-from vmdg.meshes.pushout import FIBRE, FIBRE_TOP, MATRIX, SUPPORT
 
 E_FIBRE = 2500.0  # MPa
 
@@ -33,23 +32,21 @@ def _slide(
     height: float, layers: int, friction: float, punch: float, verbose: bool
 ) -> tuple[vmdg.Problem, float]:
     """Shrink the matrix of section 7.4 onto a fibre, then push: the end and its force [N]."""
-    mesh, cells, facets = pushout_section(
-        layers=layers, fibre_cells=6, matrix_cells=10, height=height
-    )
+    mesh, cells, facets = pushout_section(MPI.COMM_WORLD, layers, 6, 1, 10, height)
     materials = {
-        FIBRE: vmdg.NeoHookean(E=E_FIBRE, nu=NU_FIBRE),
-        MATRIX: vmdg.NeoHookean(E=E_MATRIX, nu=NU_MATRIX),
+        "fibre": vmdg.NeoHookean(E=E_FIBRE, nu=NU_FIBRE),
+        "matrix": vmdg.NeoHookean(E=E_MATRIX, nu=NU_MATRIX),
     }
     problem = vmdg.Problem(
         mesh,
         cells,
         materials,
-        [vmdg.Interface(between=(FIBRE, MATRIX), law=vmdg.Contact(friction))],
-        eigenstrain={MATRIX: lambda t: -SHRINKAGE * min(t, 1.0)},
+        [vmdg.Interface(between=("fibre", "matrix"), law=vmdg.Contact(friction))],
+        eigenstrain={"matrix": lambda t: -SHRINKAGE * min(t, 1.0)},
         symmetry="axisymmetric",
     )
-    top = facets.find(FIBRE_TOP)
-    problem.dirichlet(facets.find(SUPPORT), 0.0, "y")
+    top = facets.find("fibre top")
+    problem.dirichlet(facets.find("support"), 0.0, "y")
     problem.dirichlet(top, lambda t: min(1 - t, 0.0), "y")
     loads = np.r_[np.linspace(0.25, 1, 4), 1 + np.linspace(0, punch, 11)[1:]]
     vmdg.solve(problem, loads, vmdg.SolveOptions(relative_tolerance=1e-8, verbose=verbose))

@@ -12,16 +12,9 @@ from support.problems import PRECISE, hold, revolved
 from support.scenes import BOTTOM, INNER, SEVERAL_RANKS, TOP, section
 
 import vmdg
-from vmdg.meshes import TaggedMesh
-from vmdg.meshes.gmsh_model import distribute, model
 
 # Strong enough to stay bonded, and a softening far below every penalty here.
 STRONG = vmdg.Debonding(strength=1e4, critical_gap=1e3)
-
-# Section 7.4: radii [mm], materials, shrinkage of the matrix.
-R_F, R_M, SHRINKAGE = 0.95, 4.3, -0.0022
-E_F, NU_F, E_M, NU_M = 2500.0, 0.35, 4000.0, 0.33
-MATERIALS = (vmdg.NeoHookean(E=E_F, nu=NU_F), vmdg.NeoHookean(E=E_M, nu=NU_M))
 
 
 def relative_error(problem, scene, exact) -> float:
@@ -86,64 +79,9 @@ def test_tube_under_pressure(comm, cell, degree, law):
     assert traction[-1] < (1e-4, 1e-7)[degree - 1]
 
 
-def test_shrink_fit_that_slides(comm):
-    """A bond that breaks in shear leaves frictionless contact: the push-out's p_0 = 3.56 MPa.
-
-    Both bodies are then free along the axis: theta / C with C = (K + nu_m)/E_m + (1 - nu_f)/E_f.
-    What the bond of 1e-3 MPa still carries near the fixed bottom changes p_0 by less than 3e-4.
-    """
-    a, b = R_F, R_M
-    C = ((b**2 + a**2) / (b**2 - a**2) + NU_M) / E_M + (1 - NU_F) / E_F
-    p0 = -SHRINKAGE / C
-    assert p0 == pytest.approx(3.56, abs=0.005)
-    scene = section(comm, "quadrilateral", (8, 6), (0.0, a, b))
-    problem = revolved(
-        scene,
-        vmdg.Debonding(strength=1e-3, critical_gap=1e-4),
-        MATERIALS,
-        kinematics="small",
-        degree=2,
-        eigenstrain={2: lambda t: SHRINKAGE * t},
-    )
-    hold(problem, scene, BOTTOM, component="y")
-    vmdg.solve(problem, [0.25, 0.5, 0.75, 1.0])
-    mean = problem.mean(0)
-    assert mean.softening > 0.9e-3
-    assert mean.traction[0] == pytest.approx(-p0, rel=1e-3)
-
-
 # The same tube in 3D
 
 RADII, HEIGHT = (0.5, 1.0, 1.5), 1.0
-
-
-def quarter(comm, divisions: tuple[int, int], around: int) -> TaggedMesh:
-    """The section swept through a quarter, in ``around`` straight pieces."""
-    with model("quarter") as gmsh_model:
-        if comm.rank == 0:
-            geo = gmsh_model.geo
-            bottom = [geo.addPoint(r, 0, 0) for r in RADII]
-            top = [geo.addPoint(r, 0, HEIGHT) for r in RADII]
-            upright = [geo.addLine(b, t) for b, t in zip(bottom, top, strict=True)]
-            rows = [[geo.addLine(row[i], row[i + 1]) for i in range(2)] for row in (bottom, top)]
-            for lines, count in ((upright, divisions[1]), (rows[0] + rows[1], divisions[0])):
-                for line in lines:
-                    geo.mesh.setTransfiniteCurve(line, count + 1)
-            volumes = []
-            for i in range(2):
-                loop = geo.addCurveLoop([rows[0][i], upright[i + 1], -rows[1][i], -upright[i]])
-                face = geo.addPlaneSurface([loop])
-                geo.mesh.setTransfiniteSurface(face)
-                geo.mesh.setRecombine(2, face)
-                swept = geo.revolve(
-                    [(2, face)], 0, 0, 0, 0, 0, 1, np.pi / 2, [around], recombine=True
-                )
-                volumes += [tag for dim, tag in swept if dim == 3]
-            geo.synchronize()
-            for tag, volume in enumerate(volumes, start=1):
-                gmsh_model.addPhysicalGroup(3, [volume], tag)
-            gmsh_model.mesh.generate(3)
-        return distribute(gmsh_model, comm, 3)
 
 
 def squeezed_and_pushed(problem, radius, parts: int):
@@ -185,35 +123,6 @@ SLIDES = pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
 
 TUBES = (vmdg.NeoHookean(E=5000.0, nu=0.25), vmdg.NeoHookean(E=2000.0, nu=0.35))
 BOND = vmdg.Debonding(strength=40.0, critical_gap=0.1, friction=0.4)
-
-
-@SLIDES
-def test_tubes_in_3d(comm):
-    """Bonded, damaging and sliding: a quarter model of 8 pieces gives the same curves within 1%.
-
-    Its chords cut the circle short by .6% of the area, and its tau_s is that of narrow hexahedra,
-    which matters at the order of the error of this mesh.
-    """
-    divisions = (2, 3)
-    scene = section(comm, "quadrilateral", divisions, RADII, HEIGHT)
-    # One number on both sides: what coercivity asks for differs between cubes and rings.
-    same = {"safety": 4.0}
-    flat = squeezed_and_pushed(revolved(scene, BOND, TUBES, interface=same), lambda x: x[0], 1)
-    assert (flat[2:, -1] > 1).all()
-    scene = quarter(comm, divisions, 8)
-    problem = vmdg.Problem(
-        scene.mesh,
-        scene.cell_tags,
-        dict(enumerate(TUBES, start=1)),
-        [vmdg.Interface(between=(1, 2), law=BOND, **same)],
-    )
-    for i in range(2):
-        problem.dirichlet(lambda x, i=i: np.isclose(x[i], 0), 0.0, i)
-    solid = squeezed_and_pushed(problem, lambda x: np.hypot(x[0], x[1]), 4)
-    scale = np.abs(flat).max(axis=1, keepdims=True)
-    # Force, stored energy, damage; friction goes with the pressure, which sums up both.
-    share = np.array([[0.01], [0.01], [0.005], [0.03]])
-    assert (np.abs(solid - flat) < share * scale).all()
 
 
 @SEVERAL_RANKS

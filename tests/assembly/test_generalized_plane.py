@@ -159,51 +159,6 @@ def test_axial_modulus(comm):
     assert rest[0] < moduli[1] - mixture < rest[1]
 
 
-def tau(one, two, context):
-    """The same at every dimension: the body in 3D has other bubbles."""
-    d = context.N.shape[1]
-    both = np.broadcast_to(2e4 * np.eye(d), (len(context.N), d, d))
-    return both, np.broadcast_to(np.eye(d) / 2, both.shape)
-
-
-def block(comm, depth=None):
-    """Two bodies that are pulled apart and bent; hexahedra are one over the depth."""
-    mesh, tags = tagged(comm, (3, 2), lambda x: np.where(x[0] < 1, 1, 2), (1.5, 1.0), depth)
-    x = mesh.geometry.x
-    x[:, 0] += 0.1 * x[:, 1] * (x[:, 0] - 1.0)
-    bond = vmdg.Interface(
-        between=(1, 2),
-        law=vmdg.Debonding(40.0, 0.1, friction=0.3),
-        norm="spectral",
-        stabilization=tau,
-    )
-    options = {"plane": PLANE, "thickness": THICKNESS} if depth is None else {}
-    problem = vmdg.Problem(mesh, tags, {1: SOFT, 2: STIFF}, [bond], **options)
-    problem.dirichlet(lambda x: np.isclose(x[0] + 0.1 * x[1], 0.0), 0.0, "x")
-    problem.dirichlet(lambda x: np.isclose(x[1], 0.0) & (x[0] < 1.01), 0.0, "y")
-    problem.dirichlet(lambda x: np.isclose(x[0], 1.5 + 0.05 * x[1]), lambda t: 0.06 * t, "x")
-    if depth is not None:
-        problem.dirichlet(lambda x: np.isclose(x[2], 0), 0.0, "z")
-        return problem, problem.rigid_face(lambda x: np.isclose(x[2], depth), "z")
-    return problem, vmdg.AxialMotion(problem)
-
-
-def test_against_3d(comm):
-    """One cell over the thickness between smooth plates has the same state, at large strain, while
-    a bond breaks."""
-    loads, rows = [0.4, 0.8, 1.0], []
-    for depth in (None, THICKNESS):
-        problem, along = block(comm, depth)
-        options = vmdg.SolveOptions(relative_tolerance=1e-12, control="load")
-        vmdg.solve(problem, loads, options)
-        stretch = along.strain if depth is None else along.displacement() / depth
-        force = problem.reaction(lambda x: np.isclose(x[0], 1.5 + 0.05 * x[1]))[0]
-        energy = problem.energy()
-        rows.append([stretch, force, energy.damage, energy.bulk])
-    assert energy.damage > 0
-    assert rows[0] == pytest.approx(rows[1], rel=1e-10)
-
-
 @pytest.mark.parametrize("kinematics", ["small", "finite"])
 def test_macroscopic_tangent(comm, kinematics):
     """With F_33 at hand, while bonds break and rub: that of differences, along one direction."""

@@ -7,11 +7,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import compute_midpoints
 from support import random_cells
-from support.budgets import over_budget
 from support.checks import (
-    by_position,
     directions,
     gather,
     global_norm,
@@ -21,22 +18,17 @@ from support.checks import (
     tangent_matrix,
 )
 from support.problems import (
-    PRECISE,
     displace,
-    hold,
     joined,
     partly_damaged,
-    revolved,
     through,
     user_energy,
 )
 from support.scenes import (
     DIMENSION,
-    INNER,
     box,
     distort,
     everywhere,
-    section,
     tag_cells,
     two_blocks,
     unit_box,
@@ -45,7 +37,6 @@ from support.scenes import (
 import vmdg
 from vmdg.base.parallel import global_sum
 from vmdg.interface.coercivity import margin
-from vmdg.meshes import blocks
 
 BRICKS = pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 KINEMATICS = pytest.mark.parametrize("kinematics", ["finite", "small"])
@@ -118,42 +109,6 @@ def test_bending_of_hexahedra(comm):
     assert cantilever(comm, 2, "mean") == pytest.approx(reference, rel=0.05)
     assert cantilever(comm, 3, "mean") == pytest.approx(reference, rel=0.01)
     assert cantilever(comm, 2, "pointwise") > 7 * reference
-
-
-def shear_pressure(n: int):
-    """p (n, n) [MPa] of a clamped square sheared by .3, cells by their place."""
-    mesh = unit_box(MPI.COMM_SELF, "quadrilateral", n)
-    tags = tag_cells(mesh, {1: everywhere})
-    problem = vmdg.Problem(mesh, tags, {1: rubber()}, [], volumetric="mean")
-    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
-    problem.dirichlet(lambda x: np.isclose(x[0], 1), lambda t: (0.0, 0.3 * t))
-    vmdg.solve(problem, [0.5, 1.0])
-    grid = np.empty((n, n))
-    midpoints = compute_midpoints(mesh, 2, np.arange(n * n, dtype=np.int32))
-    i, j, _ = (n * midpoints).astype(int).T
-    grid[i, j] = problem.discretization.geometry.pressure.x.array
-    return grid
-
-
-@pytest.mark.long
-def test_pressure():
-    """Pressure averaged over patches converges: 7 and 2 % off at n = 8 and 16 against n = 32.
-
-    On regular cells p has a part that alternates from cell to cell, as constant pressures with
-    bilinear displacements have; it falls like h.
-    """
-    grids = {n: shear_pressure(n) for n in (8, 16, 32)}
-    patches = {n: p.reshape(8, n // 8, 8, n // 8).mean(axis=(1, 3)) for n, p in grids.items()}
-    quarter = {n: p.reshape(4, 2, 4, 2).mean(axis=(1, 3)) for n, p in patches.items()}
-    size = np.abs(patches[32]).max()
-    for n, bound in ((8, 0.08), (16, 0.03)):
-        assert np.abs(quarter[n] - quarter[32]).max() < bound * size
-    alternating = []
-    for n, p in grids.items():
-        sign = (-1.0) ** np.add.outer(np.arange(n), np.arange(n))
-        alternating.append(abs((sign * p)[1:-1, 1:-1].mean()) / size)
-    assert alternating[0] < 0.2
-    assert (np.diff(np.log2(alternating)) < -0.5).all()
 
 
 # Exactness
@@ -369,63 +324,7 @@ def test_margin(cell):
 # Runs
 
 
-def pulled_apart(where, cell: str):
-    """Two rubber blocks on a bond that fails, pulled off their axis."""
-    scene = blocks(where, cell, (2, 3, 1)[: DIMENSION[cell]])
-    law = vmdg.Debonding(strength=20.0, critical_gap=0.5)
-    problem = joined(scene, law, [rubber(), rubber(200.0)], volumetric="mean")
-    left, right = scene.facet_tags.find(1), scene.facet_tags.find(2)
-    d = DIMENSION[cell]
-    problem.dirichlet(left, 0.0)
-    problem.dirichlet(right, lambda x, t: t * np.vstack([1 + 0.4 * x[1], *[0.1 * x[:1]] * (d - 1)]))
-    options = vmdg.SolveOptions(relative_tolerance=1e-11, energy=True, control="load")
-    return problem, vmdg.solve(problem, np.linspace(0.05, 1.0, 20), options), right
-
-
-@pytest.mark.parametrize(
-    "cell", ["quadrilateral", pytest.param("hexahedron", marks=pytest.mark.long)]
-)
-def test_debonding_on_any_number_of_ranks(comm, cell):
-    """The bond breaks, its energy is the law's, and the partition changes nothing."""
-    seen = []
-    for where in (comm, MPI.COMM_SELF)[: comm.size]:
-        problem, result, right = pulled_apart(where, cell)
-        state, energy = problem.state[0], problem.energy()
-        points = by_position(where, state.points, state.opening, state.softening)
-        seen.append((points, problem.reaction(right), energy, result))
-    (points, force, energy, result), (expected, reaction, alone, _) = seen[0], seen[-1]
-    area = problem.state[0].weights.sum()  # of the run on every rank
-    assert (points[2] >= 20.0).all()
-    assert energy.damage == pytest.approx(20.0 * 0.5 / 2 * area)
-    assert abs(energy.imbalance) < 0.02 * energy.external
-    assert not over_budget("rubber blocks apart", result)
-    assert energy.damage == pytest.approx(alone.damage, rel=1e-9)
-    assert np.abs(force - reaction).max() < 1e-8
-    for mine, theirs in zip(points, expected, strict=True):
-        assert np.abs(mine - theirs).max() < 1e-8 * np.abs(theirs).max()
-
-
 # Axisymmetry
-
-
-def test_cylinder_under_pressure(comm):
-    """Small strain, nu = .4999: u_r of Lame's solution to 1 % with six cells.
-
-    u_r = p a^2 / (2 mu (b^2 - a^2)) ((1 - 2 nu) r + b^2 / r), plane strain.
-    """
-    a, b, pressure, mu = 1.0, 2.0, 3.0, 80.0
-    scene = section(comm, "quadrilateral", (3, 1), (a, 1.5, b), 0.3)
-    problem = revolved(
-        scene, vmdg.Bonded(), [rubber(mu), rubber(mu)], kinematics="small", volumetric="mean"
-    )
-    hold(problem, scene, 4, 5, component="y")
-    problem.traction(scene.facet_tags.find(INNER), (pressure, 0.0))
-    vmdg.solve(problem, [1.0], PRECISE)
-    X = problem.space.tabulate_dof_coordinates()
-    u = problem.u.x.array.reshape(-1, 2)[:, 0]
-    r = X[: len(u), 0]
-    exact = pressure * a**2 / (2 * mu * (b**2 - a**2)) * ((1 - 2 * NEARLY) * r + b**2 / r)
-    assert np.abs(u / exact - 1).max() < 0.01
 
 
 # The door, and what does not change

@@ -79,32 +79,6 @@ def test_bar_of_two_materials_with_a_bond_that_fails(comm):
     assert energy.damage == pytest.approx(THICKNESS * P * gap / 2, rel=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("cell", "degree", "law"),
-    [
-        ("triangle", 1, vmdg.Bonded()),
-        ("triangle", 2, vmdg.Debonding(1e4, 10.0)),
-        ("quadrilateral", 2, vmdg.Bonded()),
-        ("quadrilateral", 1, vmdg.Debonding(1e4, 10.0)),
-    ],
-)
-def test_biaxial_plate(comm, cell, degree, law):
-    """sigma_x = E/(1 - nu^2) (e_x + nu e_y), shear 2 G e_xy, in the bodies and at the interface."""
-    scene = two_blocks(comm, cell, 2, distortion=0.1)
-    plate = sheet(scene, law=law, kinematics="small", degree=degree, thickness=THICKNESS)
-    e = np.array([[0.01, 0.004], [0.004, -0.003]])
-    strained(plate, scene, e)
-    vmdg.solve(plate, [1.0], TIGHT)
-    sigma = E / (1 - NU**2) * ((1 - NU) * e + NU * np.trace(e) * np.eye(2))
-    found = stress(plate)
-    np.testing.assert_allclose(
-        found[:, :2, :2], np.broadcast_to(sigma, (len(found), 2, 2)), rtol=0, atol=1e-10 * E
-    )
-    assert np.abs(found[:, 2]).max(initial=0.0) == 0.0
-    state = plate.state[0]
-    np.testing.assert_allclose(state.traction, state.normal @ sigma, rtol=0, atol=1e-10 * E)
-
-
 @pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Debonding(1e4, 50.0)], ids=["tie", "bond"])
 def test_neo_hookean_pulled_to_twice_its_length(comm, law):
     """P_i = mu (l_i - 1/l_i) + lambda (J - 1) J/l_i, the two stretches s across by P_s = 0."""

@@ -10,7 +10,6 @@ from support.problems import couple
 from support.scenes import two_blocks
 
 import vmdg
-from vmdg.base.words import near_keywords
 
 LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05)
 
@@ -46,20 +45,10 @@ def test_reading_a_mesh(comm):
 
 
 def test_signatures_stay():
-    """For editors: names, defaults and docstrings of what is decorated; functions too."""
+    """For editors: names and defaults of what is decorated."""
     parameters = inspect.signature(vmdg.SolveOptions).parameters
     assert parameters["relative_tolerance"].default == 1e-9
     assert list(inspect.signature(vmdg.Interface).parameters)[:2] == ["facets", "between"]
-
-    @near_keywords(size="length")
-    def mesh(length: float = 1.0) -> float:
-        """A mesh."""
-        return length
-
-    assert (mesh(), mesh(2.0), mesh(length=3.0)) == (1.0, 2.0, 3.0)
-    assert mesh.__doc__ == "A mesh."
-    with pytest.raises(TypeError, match=r"mesh: there is no size=. Did you mean 'length'"):
-        mesh(size=1.0)
 
 
 def test_names_of_interfaces():

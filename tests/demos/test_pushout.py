@@ -6,10 +6,12 @@ import numpy as np
 import pushout as demo
 import pushout_parameters as pushouts
 import pytest
+import ufl
 from dolfinx import fem
+from support.checks import integral
 
 import vmdg
-from vmdg import Mode
+from vmdg.meshes import pushout
 
 R_F, R_S, R_M, H = 0.95, 1.025, 4.3, 5.36
 
@@ -31,29 +33,6 @@ def test_section_to_the_end(comm, out):
     assert history["debonded"][-1] == pytest.approx(H, rel=1e-9)
     assert history["jump_steps"].sum() > 0
     assert (out / "pushout.png").stat().st_size > 10_000
-
-
-def test_modes_from_the_top(comm):
-    """The topmost points go from compression damage to friction, the bottom stays bonded."""
-    model = demo.build(False, 12, 1, demo.LAW, demo.FIBRE_MODULUS)
-    problem = model.problem
-    vmdg.solve(problem, [0.5, 1.0])
-    problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
-    seen = []
-
-    def top(problem):
-        state = problem.state[0]
-        high = state.points[:, 1] > H * 11 / 12
-        seen.append(set(np.concatenate(comm.allgather(state.mode[high])).tolist()))
-
-    vmdg.solve(problem, 1 + 0.004 * np.arange(1, 11), monitor=top)
-    assert seen[-1] <= {Mode.FRICTION, Mode.SHEAR}
-    order = [
-        next(i for i, m in enumerate(seen) if mode in m) for mode in (Mode.SHEAR, Mode.FRICTION)
-    ]
-    assert order == sorted(order)
-    low = problem.state[0].points[:, 1] < H / 2
-    assert (problem.state[0].softening[low] == 0).all()
 
 
 @pytest.mark.long
@@ -110,3 +89,24 @@ def test_relative_displacement(comm):
     vmdg.solve(problem, [1.001])
     moved = problem.u.x.array.reshape(-1, 2)[dofs, 1] - before
     assert moved == pytest.approx(np.full(len(dofs), -0.001), abs=1e-12)
+
+
+def test_quarter(comm):
+    """Areas of a polygon with 24 corners, in 3D, on any number of ranks."""
+    mesh, _, facets = pushout(comm, 6, 6, 2, 1, 5)
+    polygon = 6 * np.sin(np.pi / 12) / 2  # quarter of a polygon of 24 corners, radius 1
+    side = 12 * np.sin(np.pi / 24) * H  # quarter of its prism
+    exact = {
+        "fibre top": polygon * R_F**2,
+        "fibre bottom": polygon * R_F**2,
+        "matrix top": polygon * (R_M**2 - R_F**2),
+        "hole": polygon * (R_S**2 - R_F**2),
+        "support": polygon * (R_M**2 - R_S**2),
+        "outer": side * R_M,
+        "symmetry x": R_M * H,
+        "symmetry y": R_M * H,
+    }
+    ds = ufl.Measure("ds", mesh, subdomain_data=facets)
+    for name, area in exact.items():
+        form = fem.Constant(mesh, 1.0) * ds(facets.names[name])
+        assert integral(comm, form) == pytest.approx(area, rel=1e-9), name

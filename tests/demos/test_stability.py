@@ -78,10 +78,6 @@ def test_sound_run(run):
         assert bool(check(run)) == (check is checks.objective), check
 
 
-def change_last(run: Run, **values) -> None:
-    run.records[-1] = replace(run.records[-1], **values)
-
-
 @pytest.mark.parametrize("what", ["u", "softening"])
 def test_state_intact(run, what):
     """One bit more or less in any array."""

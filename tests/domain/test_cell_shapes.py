@@ -7,11 +7,12 @@ import re
 import numpy as np
 import pytest
 from dolfinx.mesh import Mesh
+from parts.verification.checks import core_and_ring
 from support.scenes import DIMENSION, EVERY_CELL, deform, distort, everywhere, tag_cells, unit_box
 
 import vmdg
 from vmdg.domain.cells import check_cells
-from vmdg.meshes import blocks, core_and_ring
+from vmdg.meshes import blocks
 
 
 def middle_node(mesh: Mesh) -> np.ndarray:
@@ -38,7 +39,7 @@ def test_sound_cells(comm, cell, stretch):
 
 def test_curved_cells(comm):
     """Cells of second order pass."""
-    check_cells(core_and_ring(comm, element_size=0.3, order=2).mesh)
+    check_cells(core_and_ring(comm, 2.0, 0.3, order=2).mesh)
     check_cells(blocks(comm, "hexahedron", order=2).mesh)
 
 

@@ -169,13 +169,12 @@ def test_mesh_without_groups_of_facets(comm):
 SCENES = {
     "beams": {"divisions": (2, 3)},
     "blocks": {"cell": "hexahedron"},
-    "core_and_ring": {"element_size": 0.5},
     "fibre_cell": {"count": 2, "fraction": 0.3, "shape": "cylinder", "coating": 0.2},
     "fibre_matrix": {"element_size": 0.3},
     "polycrystal": {"count": 2, "dim": 3, "element_size": 0.4},
+    "plates": {},
     "pushout": {"layers": 1, "around": 4, "fibre_rings": 1, "hole_rings": 1, "matrix_rings": 1},
     "pushout_section": {"layers": 1, "fibre_cells": 1, "matrix_cells": 1},
-    "tearing": {"divisions": (4, 2, 2)},
 }
 
 

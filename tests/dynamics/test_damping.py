@@ -12,7 +12,6 @@ from vmdg.meshes import blocks
 
 QUIET = vmdg.SolveOptions(energy=True)
 SCHEMES = [vmdg.GeneralizedAlpha(1.0), vmdg.CentralDifferences()]
-EVERY_SCHEME = pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 BODY = vmdg.NeoHookean(E=1.0, nu=0.0)
 
 

@@ -13,15 +13,13 @@ import ufl
 from dolfinx import fem
 from dolfinx.graph import partitioner
 from dolfinx.mesh import compute_midpoints, create_mesh, exterior_facet_indices, meshtags
-from support.apart import block, moved, order_of_dofs, rings, separated, stack
+from support.apart import block, moved, rings, separated, stack
 from support.checks import integral, tangent_error, tangent_matrix
 from support.problems import (
     FRICTION,
     PRECISE,
     SAME,
-    displace,
     joined,
-    put,
     rotation,
     set_displacement,
     through,
@@ -46,29 +44,6 @@ STRAIN = np.array([[0.3, 0.2, 0.05], [0.05, -0.12, -0.1], [0.1, 0.0, 0.08]])
 
 
 # The form
-
-
-@pairs(cell=CELLS, degree=(1, 2), kinematics=BOTH, law=(vmdg.Bonded(), FRICTION))
-def test_equals_the_symbolic_form(cell, degree, kinematics, law):
-    """On meshes that match: (27) in UFL on interior facets and at points of segments are one."""
-    scene = two_blocks(MPI.COMM_SELF, cell, n=2 if DIMENSION[cell] == 2 else 1, distortion=0.05)
-    vectors, matrices, energies = [], [], []
-    for one in (scene, separated(scene)):
-        given = {"safety": 3.0, "frame": "corotating"}
-        problem = joined(one, law, interface=given, degree=degree, kinematics=kinematics)
-        if kinematics == "small":
-            through(problem, *(lambda s=s, p=problem, m=one: displace(p, m, s) for s in (0.2, 0.3)))
-        else:
-            moves = [((0.004, 0.01, 0.0), 0.4), ((0.008, 0.02, 0.0), 0.5)]
-            through(problem, *(lambda s=s, p=problem, m=one: put(p, m, *s) for s in moves))
-        order = order_of_dofs(problem)
-        vectors.append(problem.step.assemble_residual()[order])
-        matrices.append(dense(tangent_matrix(problem))[np.ix_(order, order)])
-        energies.append(problem.discretization.stored_energy())
-    if law.inelastic:
-        assert (problem.state[0].softening > 0).any()
-    for first, second in (vectors, matrices, energies):
-        assert np.abs(first - second).max() < 1e-11 * np.abs(first).max()
 
 
 def dense(matrix):

@@ -8,19 +8,16 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from support.apart import block, order_of_dofs, rings, separated, stack
-from support.checks import tangent_error, tangent_matrix
+from support.apart import block, rings, stack
+from support.checks import tangent_error
 from support.problems import (
-    FRICTION,
     PRECISE,
     SAME,
-    displace,
     joined,
-    put,
     set_displacement,
     through,
 )
-from support.scenes import DIMENSION, section, two_blocks
+from support.scenes import DIMENSION
 
 import vmdg
 from vmdg.meshes import apart
@@ -39,66 +36,6 @@ CASES = pytest.mark.parametrize(
     ],
 )
 KINEMATICS = pytest.mark.parametrize("kinematics", ["small", "finite"])
-
-
-def pressure(x, t):
-    """p that varies [MPa]."""
-    return 40.0 * t * (1.0 + 0.3 * np.sin(x[0] + 2 * x[1]))
-
-
-def assert_equal(scenes, law, moves, **options):
-    """Residual, tangent, stored energy and fluid's work on matching meshes and on pairs."""
-    found = []
-    for scene in scenes:
-        given = {"safety": 3.0, "frame": "corotating", "name": "crack"}
-        problem = joined(scene, law, interface=given, **options)
-        problem.pressure("crack", pressure, share=lambda opening: 1.0 / (1.0 + opening**2))
-        through(problem, *(partial(move, problem, scene) for move in moves))
-        problem.loading.move(1.0)
-        problem.step.assemble_residual()
-        order = order_of_dofs(problem)
-        matrix = tangent_matrix(problem)
-        rows = np.arange(matrix.getSize()[0], dtype=np.int32)
-        active = problem.discretization.active[0]
-        lost = active.fluid.intrusion(active.values, active.stabilization)
-        found.append(
-            (
-                problem.step.assemble_residual()[order].copy(),
-                matrix.convert("dense").getValues(rows, rows)[np.ix_(order, order)],
-                problem.discretization.stored_energy(),
-                np.array([lost @ active.quadrature.weights]),
-                problem.loading.vector[order],
-            )
-        )
-    for first, second in zip(*found, strict=True):
-        assert np.abs(first).max() > 1e-6
-        assert np.abs(first - second).max() < 1e-11 * np.abs(first).max()
-
-
-@CASES
-@pytest.mark.parametrize("law", [FRICTION, vmdg.Contact()], ids=["bond", "contact"])
-def test_equals_the_form_on_matching_meshes(cell, degree, kinematics, law):
-    """With a pressure that varies and depends on the opening."""
-    scene = two_blocks(MPI.COMM_SELF, cell, n=2 if DIMENSION[cell] == 2 else 1, distortion=0.05)
-    if kinematics == "small":
-        moves = [partial(displace, factor=s) for s in (0.2, 0.3)]
-    else:
-        moves = [partial(put, move=(s, 0.01, 0.0), angle=0.4) for s in (0.004, 0.008)]
-    assert_equal((scene, separated(scene)), law, moves, degree=degree, kinematics=kinematics)
-
-
-@pytest.mark.parametrize(
-    ("symmetry", "volumetric"), [(None, "mean"), ("axisymmetric", "pointwise")]
-)
-def test_equals_it_in_other_geometries(symmetry, volumetric):
-    """Around an axis, and with mean dilatation."""
-    if symmetry is None:
-        scene = two_blocks(MPI.COMM_SELF, "quadrilateral", n=2, distortion=0.05)
-    else:
-        scene = section(MPI.COMM_SELF, radii=(0.5, 1.0, 2.0))
-    options = {} if symmetry is None else {"symmetry": symmetry}
-    moves = [partial(put, move=(s, 0.01, 0.0), angle=0.0) for s in (0.004, 0.008)]
-    assert_equal((scene, separated(scene)), FRICTION, moves, volumetric=volumetric, **options)
 
 
 #: Large bodies: differences of residuals reach across few switches of points [mm].

@@ -5,12 +5,9 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 import pytest
-import ufl
-from dolfinx.fem import petsc as fem_petsc
 from support.checks import directions, global_norm, modes, multiply, tangent_error, tangent_matrix
 from support.problems import displace, joined, partly_damaged
 from support.scenes import CELLS_BY_TURNS, two_blocks
-from support.symbolic import SymbolicForm
 
 import vmdg
 from vmdg import Mode
@@ -70,59 +67,3 @@ def test_small_strain(comm, law):
     # Linear: no difference quotient is needed, so only rounding separates the two.
     assert global_norm(comm, rest) < 1e-12 * global_norm(comm, residual)
     assert global_norm(comm, product - residual) < 1e-12 * global_norm(comm, residual)
-
-
-def symbolic_damage(problem, du):
-    """-Tt(eta).C.Tt(du) of (84), Tt the symbolic derivative of {P.N} + r g, C from the law."""
-    active, d = problem.discretization.active[0], problem.mesh.geometry.dim
-    symbolic = SymbolicForm(problem)
-    (oracle,) = symbolic.interfaces
-    ((_, bodies),) = oracle.pairs
-    q, r = active.quadrature, active.stabilization.norm
-    problem.step.assemble_residual(hold=True)
-    state = problem.state[0]
-    update = active.law.return_map(
-        state.traction, state.normal, state.gap, state.softening, r[q.facet]
-    )
-    C = oracle.field(update.tangent)
-    delta, tau = (oracle.field(x[q.facet]) for x in (active.stabilization.delta[:, 0], r))
-    N, one = ufl.FacetNormal(problem.mesh)("+"), ufl.Identity(d)
-    tractions = []
-    for body, side in zip(bodies, ("+", "-"), strict=True):
-        F = ufl.variable(one + ufl.grad(problem.u)(side))
-        tractions.append(ufl.dot(ufl.diff(body(side).energy(F), F), N))
-    mean = ufl.dot(delta, tractions[0]) + ufl.dot(one - delta, tractions[1])
-    total = mean + tau * (problem.u("-") - problem.u("+"))
-    eta = ufl.TestFunction(problem.space)
-    by_eta, by_du = (ufl.derivative(total, problem.u, w) for w in (eta, du))
-    return -ufl.dot(by_eta, ufl.dot(C, by_du)) * oracle.measure(0), symbolic
-
-
-@pytest.mark.parametrize(("cell", "degree"), [("triangle", 1), ("quadrilateral", 2)])
-def test_tangent_is_the_symbolic_one(comm, cell, degree):
-    """Made at the points or by ufl.derivative of the residual: the same matrix to round-off.
-
-    In 2D only: the symbolic kernels of 3D take minutes to compile.
-    """
-    problem = partly_damaged(comm, cell, degree)
-    du = ufl.TrialFunction(problem.space)
-
-    def assembled(form, of):
-        matrix = fem_petsc.assemble_matrix(of.compile(form))
-        matrix.assemble()
-        return matrix
-
-    # Before the residual, which sets zeta: a coefficient of the second form only.
-    damage_part = assembled(*symbolic_damage(problem, du))
-    problem.step.assemble_residual()
-    form = SymbolicForm(problem)
-    whole = form.residual(ufl.TestFunction(problem.space))
-    symbolic = assembled(ufl.derivative(whole, problem.u, du), form)
-    for damage in (False, True):
-        found = problem.discretization.create_matrix()
-        problem.discretization.assemble_tangent(found, damage)
-        if damage:
-            assert damage_part.norm() > 1e-3 * symbolic.norm()
-            symbolic.axpy(1.0, damage_part, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        found.axpy(-1.0, symbolic, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        assert found.norm() < 1e-13 * symbolic.norm()

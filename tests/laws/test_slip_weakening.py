@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.problems import of_two
-from support.scenes import LEFT, two_blocks
 
-import vmdg
 from vmdg.laws import Contact, Mode
 
 STATIC, DYNAMIC, D = 0.6, 0.4, 0.05
@@ -115,48 +112,3 @@ def test_what_is_refused(given, message):
     """Coefficients that grow, or half a law."""
     with pytest.raises(ValueError, match=message):
         Contact(0.5, **given)
-
-
-def test_block_on_a_spring(comm):
-    """A pressed block that is pushed by a spring, in statics: its force follows mu(s) N, also where
-    it falls, and the work of friction is that of the law."""
-    E, N, k = 1e4, 100.0, 2000.0
-    scene = two_blocks(comm, "quadrilateral", 1)
-    # Thin, so that it does not turn.
-    x = scene.mesh.geometry.x
-    x[:, 0] = np.maximum(x[:, 0], 1 + 0.01 * (x[:, 0] - 1))
-    problem = of_two(
-        scene,
-        LAW,
-        (vmdg.NeoHookean(E=E, nu=0.0), vmdg.Rigid(lambda t: (0.0, 0.1 * t))),
-        kinematics="small",
-    )
-    left = scene.facet_tags.find(LEFT)
-    problem.dirichlet(left, 0.01 * N / E, "x")
-    problem.spring(left, (0.0, k))
-
-    def force(problem):
-        def borne(state):
-            return LAW.coefficient(state.softening) * -state.traction[:, 0]
-
-        paths = vmdg.extremes(problem, 0, lambda state: state.softening)
-        return {
-            "force": problem.mean(0).traction[1],
-            "borne": vmdg.integral(problem, 0, borne),
-            "least": paths[0],
-            "most": paths[1],
-        }
-
-    options = vmdg.SolveOptions(energy=True)
-    loads = np.linspace(0, 2, 41)[1:]
-    history = vmdg.solve(problem, loads, monitor=force, options=options).history
-    slides = np.diff(history["least"], prepend=0.0) > 0
-    assert slides.sum() > 10
-    assert history["force"][slides] == pytest.approx(history["borne"][slides], rel=1e-6)
-    assert (history["force"] <= history["borne"] + 1e-6).all()
-    assert history["force"][-1] == pytest.approx(DYNAMIC * N, rel=1e-6)
-    s = history["least"][-1]
-    assert D < s == pytest.approx(history["most"][-1], rel=1e-2)
-    work = N * (DYNAMIC * s + (STATIC - DYNAMIC) * D / 2)
-    assert history["friction"][-1] == pytest.approx(work, rel=1e-2)
-    assert np.abs(history["imbalance"]).max() < 1e-2 * work

@@ -146,7 +146,7 @@ def test_options_have_two_names():
     assert vmdg.SolveOptions(petsc_options=LU).petsc == LU
     with pytest.raises(ValueError, match="petsc and petsc_options are the same"):
         vmdg.SolveOptions(petsc=LU, petsc_options=LU)
-    with pytest.raises(TypeError, match="positional"):
+    with pytest.raises(TypeError, match="SolveOptions: give the arguments by name"):
         vmdg.SolveOptions(1e-9)
 
 

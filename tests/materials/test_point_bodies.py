@@ -212,33 +212,6 @@ def test_bar_in_series_with_a_bond(comm, cell, options, kinematics):
 
 
 @pytest.mark.parametrize(
-    ("cell", "plane", "kinematics"),
-    [("quadrilateral", "generalized strain", "finite"), ("hexahedron", "strain", "small")],
-)
-def test_periodic_bar_with_a_bond(comm, cell, plane, kinematics):
-    """The same bar as a periodic cell, in the mean without stress but along x."""
-    scene = two_blocks(comm, cell, n=1)
-    measure = "strain" if kinematics == "small" else "gradient"
-    mean = lambda t: t / LENGTH + (kinematics == "finite")  # noqa: E731
-    problem = joined(
-        scene,
-        BOND,
-        (BAR, BAR),
-        {"between": None, "facets": lambda x: np.isclose(x[0], 1.0)},
-        kinematics=kinematics,
-        degree=2,
-        plane=plane,
-        periodic=vmdg.Periodic(**{measure: {"xx": mean}}),
-    )
-    found = []
-    for load in LOADS:
-        vmdg.solve(problem, [load], vmdg.SolveOptions(relative_tolerance=1e-12))
-        found.append(vmdg.PeriodicCell(problem).stress[0, 0])
-    expected = list(series(LOADS, kinematics == "small"))
-    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * SIGMA)
-
-
-@pytest.mark.parametrize(
     ("options", "kinematics"), [({}, "small"), ({"plane": "stress"}, "finite")]
 )
 def test_bar_heated_between_walls(comm, options, kinematics):

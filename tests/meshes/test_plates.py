@@ -10,7 +10,7 @@ from support.scenes import cell_count
 import vmdg
 from vmdg.base.parallel import global_sum
 from vmdg.meshes import plates
-from vmdg.meshes.plates import INTERFACE, SLIT
+from vmdg.meshes.beams import INTERFACE, SLIT
 
 X, Y = (0.0, 2.0, 3.0, 3.5, 5.0), (0.0, 1.0, 4.0)
 

@@ -15,9 +15,10 @@ from dolfinx.mesh import (
     locate_entities_boundary,
     meshtags,
 )
+from parts.verification.checks import core_and_ring
 from support.scenes import EVERY_CELL
 
-from vmdg.meshes import TaggedMesh, blocks, core_and_ring, with_wall
+from vmdg.meshes import TaggedMesh, blocks, with_wall
 
 
 def volume(tagged, name) -> float:
@@ -50,8 +51,8 @@ def test_along_a_side(comm, cell, thickness):
 
 def test_round_a_disc(comm):
     """On a curved boundary the layer is as thick everywhere, up to the chords at its ends."""
-    tagged = core_and_ring(comm)
-    wall = with_wall(tagged, tagged.facet_tags.find("outer"), 0.1)
+    tagged = core_and_ring(comm, 2.0, 0.1)
+    wall = with_wall(tagged, tagged.facet_tags.find(4), 0.1)
     far = comm.allreduce(np.linalg.norm(wall.mesh.geometry.x, axis=1).max(), op=MPI.MAX)
     assert far == pytest.approx(2.1, abs=1e-9)
     ring = np.pi / 4 * (2.1**2 - 2.0**2)
@@ -86,7 +87,7 @@ def test_refused(comm):
     assert "already a group 'left'" in refused(tagged, right, name="left")
     for thickness in (0.0, "1.0", np.nan):
         assert "must be positive and finite" in refused(tagged, right, thickness=thickness)
-    curved = core_and_ring(comm, order=2)
-    assert "are curved" in refused(curved, curved.facet_tags.find("outer"))
+    curved = core_and_ring(comm, 2.0, 0.5, order=2)
+    assert "are curved" in refused(curved, curved.facet_tags.find(4))
     with pytest.raises(TypeError, match="must be an array of local facets"):
         with_wall(tagged, "right")

@@ -142,7 +142,7 @@ def testunrolled_cylinder():
 
 def test_mode_map_in_3d(comm):
     """The quarter of a fibre becomes the rectangle of 90 degrees and its length."""
-    scene = pushout(layers=2, around=2, fibre_rings=1, hole_rings=1, matrix_rings=2)
+    scene = pushout(comm, 2, 2, 1, 1, 2)
     problem = couple(scene, LAW, (STIFF, SOFT))
     height = comm.allreduce(scene.mesh.geometry.x[:, 2].max(), max)
     ax = plot.mode_map(problem, 0, axis="z")

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
-from support.checks import gather
 from support.problems import SAME, STRONG, couple, driven, joined
-from support.scenes import SEVERAL_RANKS, two_blocks
+from support.scenes import two_blocks
 
 import vmdg
 from vmdg.meshes import blocks
@@ -252,29 +249,6 @@ def hanging_bar(comm, steps: int, energy: bool) -> tuple[vmdg.Problem, int]:
     problem.body_force(lambda t: [100.0 * t, 20.0 * t])
     options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=energy)
     return problem, vmdg.solve(problem, steps, options).counts.residuals
-
-
-@SEVERAL_RANKS
-def test_energies_of_any_partition_are_those_of_one_rank(comm):
-    """Damage, friction and overstress give the same table on all ranks together and on one.
-
-    The sums run in another order: rounding, amplified by a dozen nonlinear steps.
-    """
-    law = vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=0.1, viscosity=1.0)
-
-    def path(t):
-        return (np.array([0.1 * min(t, 1) - 0.15 * max(t - 1, 0), 0.25 * max(t - 1, 0)]), 0.2 * t)
-
-    tables = []
-    for group in (comm, MPI.COMM_SELF)[: comm.size]:
-        problem, _ = driven(group, "quadrilateral", law, path, n=2)
-        options = vmdg.SolveOptions(relative_tolerance=1e-13, energy=True)
-        history = vmdg.solve(problem, np.arange(1, 13) / 6, options).history
-        tables.append(np.array([history[name] for name in COLUMNS]))
-    together, alone = tables[0], tables[-1]
-    assert alone[:5, -1].min() > 0
-    assert together == pytest.approx(alone, abs=1e-9 * np.abs(alone).max())
-    assert (gather(comm, together.ravel()[None]) == together.ravel()).all()
 
 
 def test_work_of_eigenstrains(comm):

@@ -16,8 +16,8 @@ from dolfinx.mesh import CellType, create_mesh, create_rectangle, create_unit_sq
 import vmdg
 from vmdg import plot
 from vmdg.base.parallel import global_sum
+from vmdg.checks.model import check_model
 from vmdg.meshes import TaggedMesh, blocks, distribute, model, read_mesh, write_mesh
-from vmdg.problem.checks import check_model
 
 STEEL = vmdg.NeoHookean(E=5000.0, nu=0.25)  # MPa
 BOND = vmdg.Debonding(strength=100.0, critical_gap=0.2)  # MPa, mm

@@ -16,7 +16,7 @@ from support.problems import PRECISE
 from support.scenes import CELLS_BY_TURNS, DIMENSION, box
 
 import vmdg
-from vmdg.problem.checks import check_model
+from vmdg.checks.model import check_model
 
 MODULI = {1: (1000.0, 0.3), 2: (5000.0, 0.2), 3: (300.0, 0.4)}
 #: Tags of layers of equal height from the bottom; the first and the last one are two halves.

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 
 import numpy as np
 import pytest
 from dolfinx import fem
 from support.problems import PRECISE, hold, joined, revolved
-from support.scenes import CELLS, LEFT, RIGHT, section, two_blocks
+from support.scenes import LEFT, RIGHT, section, two_blocks
 
 import vmdg
-from vmdg.meshes import blocks
 
 BOTTOM, TOP = 4, 5
 E = (5000.0, 2000.0)
@@ -52,27 +50,6 @@ def motion(problem, facets):
     chosen = fem.locate_dofs_topological(problem.space, d - 1, facets)
     x = problem.space.tabulate_dof_coordinates()[chosen, :d]
     return x, problem.u.x.array.reshape(-1, d)[chosen]
-
-
-@pytest.mark.parametrize(
-    ("cell", "given"), zip(CELLS, ("force", "displacement", "displacement", "force"), strict=True)
-)
-def test_bars_share_a_force_by_their_stiffness(comm, cell, given):
-    """Two bars under a plate: u = F h/(E_1 + E_2) A, and forces on the floor E_i A u/h."""
-    problem, find = side_by_side(comm, cell)
-    full = -70.0 if given == "force" else -70.0 / sum(E)
-    plate = problem.rigid_face(find(TOP), "y", **{given: lambda t: full * t})
-    vmdg.solve(problem, [0.5, 1.0])
-    assert plate.displacement() == pytest.approx(-70.0 / sum(E), rel=1e-12)
-    for side, e in enumerate(E):
-        half = np.intersect1d(find(BOTTOM), beside(problem, side + 1))
-        share = 70.0 * e / sum(E)
-        assert problem.reaction(half)[1] == pytest.approx(share, rel=1e-10)
-    expected = 0.0 if given == "force" else -70.0
-    assert problem.reaction(find(TOP))[1] == pytest.approx(expected, abs=1e-9)
-    energy = problem.energy()
-    assert energy.external == pytest.approx(70.0**2 / sum(E) / 2, rel=1e-10)
-    assert abs(energy.imbalance) < 1e-10 * energy.external
 
 
 @pytest.mark.parametrize("way", ["force", "traction", "displacement"])
@@ -254,66 +231,6 @@ def test_opens_on_demand(comm):
         plate.displacement() + plate.rotation() * (x[:, 0] - 1), abs=1e-13
     )
     assert problem.reaction(top)[1] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_goes_on_from_a_checkpoint(comm, out):
-    """A plate moves on from where it was."""
-    loads, found = np.linspace(0.2, 1.0, 5), []
-    options = vmdg.SolveOptions(checkpoint=out, checkpoint_every=3)
-    for stop in (5, 3):
-        vmdg.discard_checkpoint(comm, out)
-        problem, _, plate = hinged(comm, displacement=lambda t: 0.02 * t)
-        vmdg.solve(problem, loads[:stop], options)
-        if stop == 3:
-            problem, _, plate = hinged(comm, displacement=lambda t: 0.02 * t)
-            history = vmdg.read_checkpoint(problem, out)
-            assert plate.displacement() == pytest.approx(0.012, rel=1e-12)
-            vmdg.solve(problem, loads[stop:], options, history=history)
-        found.append((plate.displacement(), plate.rotation(), *problem.energy().__dict__.values()))
-    assert found[0] == pytest.approx(found[1], rel=1e-9)
-
-
-@pytest.mark.parametrize("head", ["guided", "pinned"])
-def test_column_under_a_plate_buckles(comm, head):
-    """Beyond pi^2 E I/L^2, or a quarter of it with a head that turns, the tangent is not stable."""
-    length, height, modulus = 20.0, 1.0, 5000.0
-    scene = blocks(comm, "quadrilateral", (8, 2), length, height, interface=(length / 2,) * 2)
-    bars = (vmdg.NeoHookean(E=modulus, nu=0.0),) * 2
-    problem = joined(scene, vmdg.Bonded(), bars, degree=2)
-    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0)
-    euler, end = np.pi**2 * modulus * height**3 / 12 / length**2, scene.facet_tags.find(RIGHT)
-    if head == "guided":
-        problem.rigid_face(end, force=lambda t: (-t * euler, 0.0))
-    else:
-        at = (length, height / 2)
-        problem.rigid_face(end, "x", tilts=True, at=at, force=lambda t: -t * euler / 4)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        vmdg.solve(problem, [0.9, 0.98])
-        assert not caught
-        vmdg.solve(problem, [1.02])
-    if comm.rank == 0:
-        found = re.findall(r"beyond load factor ([\d.]+) are unstable", str(caught[0].message))
-        # The column is shorter by P/EA = 2e-3 then, and its load larger by twice as much at most.
-        assert float(found[0]) == pytest.approx(1.0, abs=4e-3)
-
-
-@pytest.mark.parametrize("solver", ["gamg"])
-def test_krylov_methods(comm, solver):
-    """Multigrid and lagged factors find what a direct solver does."""
-    found = []
-    for options in (None, {"ksp_type": "gmres", "pc_type": solver, "ksp_max_it": 200}):
-        scene = two_blocks(comm, "hexahedron", 3)
-        problem = joined(scene, vmdg.Bonded(), BARS, kinematics="small")
-        problem.dirichlet(scene.facet_tags.find(BOTTOM), 0.0)
-        top, at, force = scene.facet_tags.find(TOP), (1.2, 1.0, 0.4), np.array([30.0, -100.0, 10.0])
-        plate = problem.rigid_face(top, tilts=True, at=at, force=force)
-        if options and solver == "lu":
-            options["pc_factor_mat_solver_type"] = "mumps"
-        options = vmdg.SolveOptions(relative_tolerance=1e-11, petsc_options=options)
-        vmdg.solve(problem, [1.0], options)
-        found.append([*plate.displacement(), *plate.rotation()])
-    assert found[0] == pytest.approx(found[1], rel=1e-8)
 
 
 # Supports

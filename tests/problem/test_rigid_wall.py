@@ -125,48 +125,6 @@ def test_pulled_off(comm, cell):
     assert energy.external == pytest.approx(P_C * GAP / 2, rel=1e-5)
 
 
-def strip(comm, kinematics, stiff):
-    """A strip 4 mm long on a wall, lifted at its left end."""
-    tagged = blocks(comm, "quadrilateral", (8, 2), length=4.0, height=0.4, interface=(2.0, 2.0))
-    mesh, cells, facets = with_wall(tagged, tagged.facet_tags.find("bottom"), 0.1)
-    wall = vmdg.Rigid() if stiff == np.inf else vmdg.NeoHookean(E=stiff * E, nu=0.0)
-    law, bottom = vmdg.Debonding(1.0, 0.04), facets.find("bottom")
-    bond = vmdg.Interface(facets=bottom, law=law, frame="reference", name="bond")
-    bodies = {"left": BODY, "right": BODY, "wall": wall}
-    problem = vmdg.Problem(mesh, cells, bodies, [bond], kinematics=kinematics)
-    if stiff < np.inf:
-        problem.dirichlet(facets.find("wall"), 0.0)
-    problem.dirichlet(facets.find("left"), lambda t: t, "y")
-    problem.dirichlet(facets.find("right"), 0.0, "x")
-    return problem, facets
-
-
-def lifts(sides):
-    """Forces along y on sides, for the history."""
-    return lambda problem: {name: problem.reaction(side)[1] for name, side in sides.items()}
-
-
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
-def test_peeled(comm, kinematics):
-    """The force along the way comes ever nearer to that off stiff bodies, and the work is G_c."""
-    loads, ends = np.linspace(0.01, 0.2, 20), []
-    for stiff in (np.inf, 1e4, 1e6):
-        problem, facets = strip(comm, kinematics, stiff)
-        sides = {side: facets.find(side) for side in ("left", "right", "wall")}
-        options = vmdg.SolveOptions(energy=True, control="load")
-        table = vmdg.solve(problem, loads, options, lifts(sides)).history
-        left, right, wall = (np.asarray(table[side]) for side in ("left", "right", "wall"))
-        if stiff == np.inf:
-            assert left + right == pytest.approx(-wall, abs=1e-7)
-        energy = problem.energy()
-        ends.append(np.append(left, energy.damage))
-        spent = energy.bulk + energy.interface + energy.damage + energy.viscosity
-        assert energy.external == pytest.approx(spent, rel=2e-3)
-    assert 0.3 < problem.debonded("bond") < 0.9
-    assert ends[1] == pytest.approx(ends[0], rel=1e-3)
-    assert ends[2] == pytest.approx(ends[0], rel=1e-4)
-
-
 @pytest.mark.parametrize(
     ("options", "kinematics"),
     [

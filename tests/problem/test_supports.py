@@ -11,7 +11,7 @@ from support.problems import joined
 from support.scenes import LEFT, two_blocks
 
 import vmdg
-from vmdg.problem.supports import hanging_piece, hold_pieces
+from vmdg.checks.supports import hanging_piece, stabilize_pieces
 
 BOND = vmdg.Debonding(strength=10.0, critical_gap=0.05)
 
@@ -68,10 +68,10 @@ def test_held_where_it_comes_to_rest(comm):
     problem = worn(comm, "quadrilateral", lambda x: x[1] < 0.2, lambda t: (0.0, t))
     told = "A piece .* unconstrained against rotation: .* From load factor 0 on, a small"
     with pytest.warns(vmdg.ModelWarning, match=told) if comm.rank == 0 else nullcontext() as said:
-        assert hold_pieces(problem)
+        assert stabilize_pieces(problem)
         options = vmdg.SolveOptions(unstable="trace")
         history = vmdg.solve(problem, [0.05, 0.1, 0.15], options).history
-        assert not hold_pieces(problem)
+        assert not stabilize_pieces(problem)
     assert comm.rank > 0 or len(said) == 1
     assert list(history["load"]) == [0.05, 0.1, 0.15]
     point = problem.state[0]

@@ -14,8 +14,8 @@ from support.problems import of_two
 from support.scenes import box
 
 import vmdg
+from vmdg.checks.model import check_model
 from vmdg.meshes import blocks
-from vmdg.problem.checks import check_model
 
 BODY = vmdg.NeoHookean(E=1e3, nu=0.2)
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import warnings
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from support.budgets import over_budget
-from support.scenes import SEVERAL_RANKS
 
 import vmdg
 from vmdg.meshes import beams, blocks
@@ -109,21 +106,3 @@ def test_block_rests_on_contact(comm, friction):
     assert not result.failures
     assert not over_budget("block on contact", result)
     assert problem.mean(0).traction[0] == pytest.approx(-20.0, rel=1e-9)
-
-
-@SEVERAL_RANKS
-def test_ranks_without_points(comm):
-    """A rank of which no facet is on the interface: the same forces with all on one rank."""
-    forces = []
-    for on in (comm, MPI.COMM_SELF)[: comm.size]:
-        for kinematics in ("small", "finite"):
-            mesh, cells, facets = blocks(on, "quadrilateral", (40, 4), 1.0, interface=(0.1, 0.1))
-            interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(0.05))
-            bodies = {1: vmdg.NeoHookean(E=1e3, nu=0.3), 2: vmdg.NeoHookean(E=2e3, nu=0.3)}
-            problem = vmdg.Problem(mesh, cells, bodies, [interface], kinematics=kinematics)
-            problem.dirichlet(facets.find(1), 0.0)
-            problem.dirichlet(facets.find(2), lambda t: np.array([-0.01 * t, 0.0]))
-            result = vmdg.solve(problem, [1.0, 2.0])
-            assert not result.failures
-            forces.append(problem.reaction(facets.find(2))[0])
-    assert forces[:2] == pytest.approx(forces[-2:], rel=1e-8)

@@ -15,9 +15,6 @@ E, NU, STRENGTH = 5000.0, 0.25, 100.0
 MU, LMBDA = E / (2 * (1 + NU)), NU * E / ((1 + NU) * (1 - 2 * NU))
 LOADS = 0.002 * np.arange(1, 31)
 
-#: Critical gaps with which the bar snaps back [mm].
-CRITICAL_GAPS = (0.02, 0.01, 0.005)
-
 
 def with_law(
     comm: MPI.Comm,

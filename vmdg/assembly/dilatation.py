@@ -96,7 +96,6 @@ class Dilatation:
 
     @cached_property
     def _blocks(self) -> list[PETSc.Mat]:
-        """Their matrices."""
         weak, theta = self._weak_form, self._theta.function_space
         u = weak.space
         pairs = (theta, u), (u, theta), (theta, u), (theta, theta)

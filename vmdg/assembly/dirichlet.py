@@ -26,12 +26,7 @@ SAME_VALUE = 1e-12
 
 
 def find_boundary_facets(mesh: Mesh, where: Where, what: str) -> NDArray[np.int32]:
-    """Boundary facets given by index or by a predicate on coordinates (3, n).
-
-    Raises:
-        TypeError: a tag or a mask instead of facets.
-        ValueError: nothing is selected on any rank, or a facet does not exist.
-    """
+    """Boundary facets given by index or by a predicate on coordinates (3, n)."""
     if callable(where):
         dim = mesh.topology.dim - 1
         mesh.topology.create_connectivity(dim, dim + 1)
@@ -67,11 +62,7 @@ def nodes_of_facets(space: fem.FunctionSpace, facets: NDArray[np.int32]) -> NDAr
 
 
 def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[np.int32]:
-    """Local nodes (block numbers) by a predicate on coordinates (3, n); collective.
-
-    Raises:
-        ValueError: no node is selected on any rank.
-    """
+    """Local nodes (block numbers) by a predicate on coordinates (3, n); collective."""
     nodes = nodes_where(space, where, what)
     if global_sum(space.mesh.comm, len(nodes)) == 0:
         raise ValueError(f"{what}: no node is selected on any rank")
@@ -79,11 +70,7 @@ def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[n
 
 
 def component_index(component: int | str | None, d: int, what: str) -> int | None:
-    """0, 1, 2 or "x", "y", "z" as an index; None for all components.
-
-    Raises:
-        ValueError: no such component.
-    """
+    """0, 1, 2 or "x", "y", "z" as an index; None for all components."""
     if component is None:
         return None
     names = AXES[:d]
@@ -105,10 +92,7 @@ class _Condition:
     Attributes:
         dofs: Component-wise numbers (n, components).
         base: Displacement to which the value is added (n, components) [mm].
-        value: The user's value.
         points: Positions of the nodes (3, n).
-        replaces: Whether it replaces the conditions before it.
-        what: The call by which it was given.
         takes_points: Whether the value is f(x, t).
     """
 
@@ -132,11 +116,7 @@ class DirichletConditions:
     """Prescribed components of the displacement, (2) with any value.
 
     Args:
-        space: Space of the displacement.
         zeros: Local dofs (component-wise numbers) fixed at zero, which overrides other conditions.
-
-    Attributes:
-        dofs: Prescribed local dofs (component-wise numbers), ghosts included, ascending.
     """
 
     kind = "a prescribed displacement"
@@ -148,7 +128,6 @@ class DirichletConditions:
         self.fix(zeros)
 
     def fix(self, zeros: NDArray[np.int32]) -> None:
-        """Fix other local dofs at zero than before."""
         self._zeros = zeros
         every = [zeros, *(one.dofs.ravel() for one in self._conditions)]
         self.dofs = np.unique(np.concatenate(every)).astype(np.int32)
@@ -168,13 +147,8 @@ class DirichletConditions:
 
         Args:
             dofs: The dofs (n,).
-            value: The user's value.
             component: A component, or None for all.
-            what: Name of the condition for messages.
             base: Displacement to which the value is added (n, d) [mm]; default zero.
-
-        Raises:
-            ValueError: no dof is selected, the component or the shape of the value is wrong.
         """
         if global_sum(self._space.mesh.comm, len(dofs)) == 0:
             raise ValueError(f"{what}: no degree of freedom is selected on any rank")
@@ -200,11 +174,7 @@ class DirichletConditions:
     def _known(
         self, value: Value | Expr, dofs: NDArray[np.int32], index: int | None, what: str
     ) -> Value:
-        """A value as a function at the dofs; a Function is interpolated in its state at each call.
-
-        Raises:
-            ValueError: a Function of the wrong shape or mesh, or a UFL expression.
-        """
+        """A value as a function at the dofs; a Function is interpolated again at each call."""
         if isinstance(value, fem.Constant) or not isinstance(value, Expr):
             return value
         if not isinstance(value, fem.Function):

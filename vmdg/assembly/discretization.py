@@ -132,7 +132,6 @@ class Discretization:
         return self.surface
 
     def take_fluid(self, number: int) -> ActiveInterface:
-        """The active interface of this number, with a fluid between its faces."""
         active = self.active[number]
         if active.fluid is None:
             take_fluid(active)
@@ -145,7 +144,6 @@ class Discretization:
 
     @property
     def can_fail(self) -> bool:
-        """Whether an active interface has a law that can fail."""
         return any(active.law.inelastic for active in self.active.values())
 
     @property
@@ -181,18 +179,10 @@ class Discretization:
         return weak.compile(weak.bulk_residual(eta), "bodies' residual", UNROLLED)
 
     @cached_property
-    def _axial_test(self) -> Expr:
-        """Test function of F_33, one dof per cell: the forces on them are summed."""
-        return ufl.TestFunction(fem.functionspace(self.mesh, ("DG", 0)))
-
-    @cached_property
     def _axial_residual(self) -> fem.Form:
-        form = self.weak_form.bulk_residual(self._axial_test)
+        """The force on F_33, a number: that of a unit of its test function."""
+        form = self.weak_form.bulk_residual(fem.Constant(self.mesh, 1.0))
         return self.weak_form.compile(form, "force along z")
-
-    def _axial_force(self, form: fem.Form) -> float:
-        """This rank's sum of a vector of :attr:`_axial_test`."""
-        return float(fem.assemble_vector(form).array.sum())
 
     @cached_property
     def _add_bodies(self) -> Callable[[PETSc.Mat], None]:
@@ -223,7 +213,7 @@ class Discretization:
         GRAD eta : A : E and E : A : GRAD eta of the bodies, on nodes and on F_33."""
         weak, n = self.weak_form, self.mesh.geometry.dim + self._axial
         E = fem.Constant(self.mesh, np.zeros((n, n)))
-        tests = [ufl.TestFunction(self._test_space), *[self._axial_test] * self._axial]
+        tests = [ufl.TestFunction(self._test_space), *[fem.Constant(self.mesh, 1.0)] * self._axial]
 
         def compiled(tangent: Callable[[Expr, Expr], ufl.Form]) -> list[fem.Form]:
             sums = [tangent(weak.geometry.gradient(eta), E) for eta in tests]
@@ -254,9 +244,6 @@ class Discretization:
 
         Returns:
             The resulting change of the energy (30) on this rank [N mm].
-
-        Raises:
-            ValueError: the softening of a law is too steep for the mesh (r <= H).
         """
         self.update_means(pressure=True)
         with timer("stabilization"):
@@ -349,7 +336,7 @@ class Discretization:
             fem.assemble_vector(vector, self._bulk_residual if bulk is None else bulk)
             axial = self._add_interfaces(vector)
             if self._axial:
-                axial += self._axial_force(self._axial_residual)
+                axial += fem.assemble_scalar(self._axial_residual)
             self._add_nodal_forces(vector, axial, forces.array)
             if self.surface.sprung:
                 forces.array[:] += self.surface.spring_vector()
@@ -430,7 +417,7 @@ class Discretization:
         total = fem.Function(self.space).x
         forces = self._nodal_forces(total.array)
         if self._axial:
-            axial = self._axial_force(forms[1])
+            axial = fem.assemble_scalar(forms[1])
         fem.assemble_vector(forces, forms[0])
         dofs = self._test_space.dofmap.list
         fluxes = [
@@ -525,47 +512,47 @@ class Discretization:
                 active.continue_from(other.active[i])
 
 
-def split(parts: Discretization, cells: NDArray[np.bool_]) -> Split:
+def split(discretization: Discretization, cells: NDArray[np.bool_]) -> Split:
     """Residual and tangent of the bodies in marked cells, and the residual of the others;
     collective."""
-    weak, eta = parts.weak_form, ufl.TestFunction(parts.space)
+    weak, eta = discretization.weak_form, ufl.TestFunction(discretization.space)
     residuals = [
         weak.compile(weak.bulk_residual(eta, marks), "bodies' residual", UNROLLED)
         for marks in (cells, ~cells)
     ]
-    return Split(*residuals, parts._bodies_tangent(cells))
+    return Split(*residuals, discretization._bodies_tangent(cells))
 
 
 def stabilization_anew(
-    parts: Discretization,
+    discretization: Discretization,
     floors: Sequence[NDArray[np.float64]],
     bodies: bool,
     risen: Sequence[NDArray[np.bool_]],
 ) -> list[Stabilization]:
     """tau_s and delta at the current displacement for changed moduli or laws, see
     :meth:`.Stabilizers.anew`; the forms are unchanged; collective."""
-    parts.update_means(pressure=True)
+    discretization.update_means(pressure=True)
     with timer("stabilization"):
-        return parts._stabilizers.anew(floors, bodies, risen)
+        return discretization._stabilizers.anew(floors, bodies, risen)
 
 
-def interface_forces(parts: Discretization) -> NDArray[np.float64]:
+def interface_forces(discretization: Discretization) -> NDArray[np.float64]:
     """Forces of all interfaces at the values of their points, owned dofs [N]; collective."""
-    forces = fem.Function(parts.space).x
-    parts._add_interfaces(forces.array)
+    forces = fem.Function(discretization.space).x
+    discretization._add_interfaces(forces.array)
     forces.scatter_reverse(InsertMode.add)
-    return forces.array[: parts.owned]
+    return forces.array[: discretization.owned]
 
 
 def _take(
-    parts: Discretization, mine: fem.Function, other: Discretization, theirs: fem.Function
+    discretization: Discretization, mine: fem.Function, other: Discretization, theirs: fem.Function
 ) -> None:
     """Copy a field of another discretization cell by cell."""
-    bs = parts.space.dofmap.index_map_bs
-    to, of = parts.space.dofmap.list, other.space.dofmap.list
+    bs = discretization.space.dofmap.index_map_bs
+    to, of = discretization.space.dofmap.list, other.space.dofmap.list
     mine.x.array.reshape(-1, bs)[to] = theirs.x.array.reshape(-1, bs)[of]
-    if parts.means is not None:
-        mine.x.array[parts.means.dofs] = theirs.x.array[other.means.dofs]
+    if discretization.means is not None:
+        mine.x.array[discretization.means.dofs] = theirs.x.array[other.means.dofs]
 
 
 def carried(

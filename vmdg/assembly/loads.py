@@ -31,10 +31,8 @@ class _Load:
     Attributes:
         entities: Owned cells, or flat rows (cell, facet in it) of owned boundary facets.
         density: Integrand against the test function, UFL (d,).
-        value: The user's value.
         points: If ``value`` is f(x, t), the nodes (3, n) at which it is evaluated, otherwise None.
         dofs: Nodes of ``density`` that belong to ``points``.
-        what: The call by which it was given.
     """
 
     entities: NDArray[np.int32]
@@ -64,8 +62,6 @@ class _Force:
     Attributes:
         dofs: Component-wise numbers of owned nodes (n, components).
         spread: Forces on them by the components of the value (n, components, components).
-        value: The user's value.
-        what: The call by which it was given.
     """
 
     dofs: NDArray[np.int32]
@@ -78,9 +74,7 @@ class DeadLoads:
     """Tractions per reference area, body forces per reference volume, (29), and forces at points.
 
     Args:
-        u: Displacement.
         geometry: Geometry, whose weight is a factor of all loads.
-        load_factor: t in UFL expressions.
     """
 
     kind = "a dead load"
@@ -101,20 +95,12 @@ class DeadLoads:
         self._last: tuple[list[NDArray[np.float64]], NDArray[np.float64]] | None = None
 
     def add_traction(self, facets: NDArray[np.int32], value: Value | Expr) -> None:
-        """Traction [MPa] on boundary facets.
-
-        Raises:
-            ValueError: the value has the wrong shape, or is an expression of another mesh.
-        """
+        """Traction [MPa] on boundary facets."""
         dim, rows = self._mesh.topology.dim - 1, boundary_rows(self._mesh, facets)
         self._tractions.append(self._load(value, rows, dim, facets, "traction"))
 
     def add_body_force(self, cells: NDArray[np.int32], value: Value | Expr) -> None:
-        """Body force [N/mm3] on local cells.
-
-        Raises:
-            ValueError: as for :meth:`add_traction`.
-        """
+        """Body force [N/mm3] on local cells."""
         dim = self._mesh.topology.dim
         owned = cells[cells < self._mesh.topology.index_map(dim).size_local]
         self._body_forces.append(self._load(value, owned, dim, cells, "body_force"))
@@ -122,11 +108,7 @@ class DeadLoads:
     def add_point_load(
         self, nodes: NDArray[np.int32], value: Value, component: int | str | None
     ) -> None:
-        """Force [N] at each of some nodes, block numbers (n,).
-
-        Raises:
-            ValueError: unknown component, or a value of the wrong shape or varying in space.
-        """
+        """Force [N] at each of some nodes, block numbers (n,)."""
         what = "point_load"
         index = component_index(component, self._d, what)
         shapes = [(self._d,)] if index is None else [(), (1,)]
@@ -137,11 +119,7 @@ class DeadLoads:
         self._forces.append(_Force(owned[:, None] * self._d + components, spread, value, what))
 
     def add_face_load(self, face: RigidFace, value: Value) -> None:
-        """Force [N] at the point of a rigid face.
-
-        Raises:
-            ValueError: a value of the wrong shape or varying in space.
-        """
+        """Force [N] at the point of a rigid face."""
         shapes = [(self._d,)] if face.component is None else [(), (1,)]
         check_resultant(self._mesh.comm, value, shapes, "rigid_face")
         self._forces.append(_Force(face.dofs, face.spread, value, "rigid_face"))

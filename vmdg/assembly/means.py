@@ -89,8 +89,7 @@ class MeanSpace:
         self, merged: NDArray[np.int64], names: NDArray[np.int64], more: int
     ) -> tuple[NDArray[np.int64], int, NDArray[np.int64]]:
         """New number of every local node, number of owned nodes, and numbers of the additional
-        nodes.
-        """
+        nodes."""
         comm, imap = self._comm, self.broken.dofmap.index_map
         count = imap.size_local + imap.num_ghosts
         known = imap.local_to_global(np.arange(count, dtype=np.int32))
@@ -219,11 +218,7 @@ def lattice_of(means: MeanSpace | None) -> Lattice | None:
 def _merged(
     broken: fem.FunctionSpace, lattice: Lattice
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Global nodes that have images, ascending, and the smallest of all their images; collective.
-
-    Raises:
-        ValueError: opposite faces do not match.
-    """
+    """Global nodes with images, ascending, and the smallest of all their images; collective."""
     mesh, d, comm = broken.mesh, broken.mesh.geometry.dim, broken.mesh.comm
     mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
     facets = exterior_facet_indices(mesh.topology)

@@ -25,7 +25,6 @@ _BATCH = 60_000
 
 
 def _batches(active: ActiveInterface) -> Iterator[slice]:
-    """Batches of facets, by the size of their displacement matrices."""
     facets, nodes = len(active.facets.facets), active.point_tangent.jets.nodes
     count = max(_BATCH // (2 * nodes * active.quadrature.d) ** 2, 1)
     return (slice(start, start + count) for start in range(0, facets, count))
@@ -34,13 +33,7 @@ def _batches(active: ActiveInterface) -> Iterator[slice]:
 def sparsity(
     test: fem.FunctionSpace, trial: fem.FunctionSpace, active: Sequence[ActiveInterface]
 ) -> cpp.la.SparsityPattern:
-    """The pattern that couples the dofs of every cell, and those of both sides of every facet.
-
-    Args:
-        test: Space of the rows.
-        trial: Space of the columns.
-        active: The interfaces.
-    """
+    """The pattern that couples the dofs of every cell, and those of both sides of every facet."""
     tdim = test.mesh.topology.dim
     cells = np.arange(test.mesh.topology.index_map(tdim).size_local, dtype=np.int32)
     facets = np.concatenate([np.zeros(0, dtype=np.int32), *(one.couplings for one in active)])
@@ -50,13 +43,6 @@ def sparsity(
 def create_matrix(
     comm: MPI.Comm, pattern: cpp.la.SparsityPattern, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ
 ) -> PETSc.Mat:
-    """An empty matrix.
-
-    Args:
-        comm: Communicator.
-        pattern: From :func:`sparsity`.
-        kind: Matrix type.
-    """
     return cpp.la.petsc.create_matrix(comm, pattern, kind)
 
 
@@ -66,8 +52,6 @@ def add_tangent(
     """Add int j(eta).D.j(du) dA of (84)-(85) over an interface, for displacements.
 
     Args:
-        matrix: The matrix.
-        active: The interface.
         D: With dA, of its points (nq, jet, jet).
         change: What the flux of bodies at points changes, if there are any.
     """
@@ -88,20 +72,13 @@ def add_couplings(
     trial: Field = FacetJets.displacement,
 ) -> None:
     """Add zeros where surfaces that slide may be paired soon: PETSc drops entries of the pattern
-    that are not set before the first assembly.
-
-    Args:
-        matrix: The matrix.
-        active: The interface.
-        test, trial: The fields of rows and columns.
-    """
+    that are not set before the first assembly."""
     if not active.facets.slides:
         return
     jets = active.point_tangent.jets
     cells = np.ascontiguousarray(active.couplings.reshape(-1, 4)[:, [0, 2]])
 
     def blocks(field: Field) -> tuple[NDArray[np.int32], int]:
-        """Of the field in both cells, and how many numbers they have."""
         if field is FacetJets.dilatation:
             return cells, 2
         nodes = jets.nodes_of(cells)
@@ -124,9 +101,7 @@ def add_fields(
 
     Args:
         matrix: The matrix, with rows of test functions and columns of trial functions.
-        active: The interface.
         D: With dA, of its points (nq, jet, jet).
-        test, trial: The fields of rows and columns.
         change: What the flux of bodies at points changes, if there are any.
     """
     points, jets = active.quadrature.points_of_facet, active.point_tangent.jets
@@ -151,7 +126,6 @@ def uniform_flux(active: ActiveInterface, D: Array, gradient: Array) -> Array:
     """D.j(E.X) dA at the points of an interface (nq, jet), for a displacement without jump.
 
     Args:
-        active: The interface.
         D: With dA, of its points (nq, jet, jet).
         gradient: E (n, n).
     """
@@ -164,9 +138,7 @@ def add_uniform(
     """Add int j(eta).flux over an interface, the forces from :func:`uniform_flux`.
 
     Args:
-        vector: Over local dofs.
         dofs: Nodes of the cells in it (cells, nodes of a cell).
-        active: The interface.
         flux: With dA, at its points (nq, jet).
     """
     active.point_tangent.add_forces(flux, dofs, vector)

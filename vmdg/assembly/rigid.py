@@ -38,7 +38,6 @@ class RigidFace:
 
     Attributes:
         component: The rigid component; None for all.
-        motions: Numbers of its motions among :func:`rigid_motions`.
         dofs: Component-wise numbers of owned nodes (n, c).
         T: Columns of unit length (n, c, k).
         C: Motions in terms of columns (motions, k) [mm or rad].
@@ -77,12 +76,7 @@ class RigidFace:
 class RigidFaces:
     """The rigid faces of a space.
 
-    Args:
-        u: Displacement.
-        geometry: Geometry of the problem.
-
     Attributes:
-        faces: In the order in which they were given.
         columns: T.Z of all faces over owned dofs (p, owned).
     """
 
@@ -110,15 +104,9 @@ class RigidFaces:
         """Add a rigid face; collective.
 
         Args:
-            nodes: Local nodes, block numbers.
             component: The rigid component of the displacement; None for all.
-            tilts: Whether the face may rotate.
             at: Point (d,) whose displacement is prescribed or returned; None for any.
             value: Prescribed displacement of the point; None if it is free.
-
-        Raises:
-            ValueError: unknown component; in axisymmetry one other than the axial, or a face that
-                tilts; nodes that do not determine the rotation; a value of the wrong shape.
         """
         d, index = self._d, component_index(component, self._d, "rigid_face")
         if value is not None:
@@ -153,11 +141,7 @@ class RigidFaces:
         return face
 
     def _orthonormal(self, m: Array) -> Array:
-        """C of motions m (n, motions); collective.
-
-        Raises:
-            ValueError: the nodes do not determine the motions.
-        """
+        """C of motions m (n, motions); collective."""
         gram = global_sum(self._comm, m.T @ m)
         # Rotations times the size of the face, so that all have the same unit.
         sizes = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
@@ -242,13 +226,11 @@ class RigidFaces:
 
 
 def _dofs(faces: list[RigidFace]) -> NDArray[np.int32]:
-    """Dofs of faces, concatenated."""
     none = np.zeros(0, dtype=np.int32)
     return np.concatenate([none, *(face.dofs.ravel() for face in faces)])
 
 
 def _motions(components: NDArray[np.intp], d: int, tilts: bool) -> list[int]:
-    """Numbers of the rigid motions of some components; translations first."""
     chosen = components.tolist()
     pairs = enumerate(combinations(range(d), 2), start=d)
     return chosen + [i for i, pair in pairs if tilts and not set(pair).isdisjoint(chosen)]

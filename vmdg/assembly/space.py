@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import compat
 from ..base.graph import components
-from ..base.parallel import global_any, global_sum, group_maxima
+from ..base.parallel import global_any, global_sum, group_maxima, index_map_of
 from ..domain.topology import facet_cells, local_facets
 from ..points.facets import InterfaceFacets
 
@@ -64,33 +64,21 @@ def renumbered(
     Returns:
         The space, and the local numbers in it of ``more``.
     """
-    comm = space.mesh.comm
-    first = int(comm.scan(size_local)) - size_local
-    ends = np.cumsum(comm.allgather(size_local))
     more = np.zeros(0, dtype=np.int64) if more is None else more
-
-    def foreign(numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
-        return (numbers < first) | (numbers >= first + size_local)
-
-    ghosts = np.unique(np.concatenate([numbers[foreign(numbers)], more[foreign(more)]]))
-    owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
-
-    def local(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
-        ghost = size_local + np.searchsorted(ghosts, numbers)
-        return np.where(foreign(numbers), ghost, numbers - first).astype(np.int32)
-
+    every = np.concatenate([numbers.ravel(), more])
+    imap, local = index_map_of(space.mesh.comm, size_local, every)
+    local, of_more = local[: numbers.size].reshape(numbers.shape), local[numbers.size :]
     dofmap = cpp.fem.DofMap(
         space.dofmap.dof_layout,
-        compat.index_map(comm, size_local, ghosts, owners),
+        imap,
         space.dofmap.index_map_bs,
-        cpp.graph.AdjacencyList_int32(local(numbers)),
+        cpp.graph.AdjacencyList_int32(local),
         space.dofmap.bs,
     )
-    return compat.function_space_with_dofmap(space, dofmap), local(more)
+    return compat.function_space_with_dofmap(space, dofmap), of_more
 
 
 def facet_closure(space: fem.FunctionSpace) -> NDArray[np.int32]:
-    """Dofs of a cell on each of its facets, (facets of a cell, dofs of a facet)."""
     layout = space.dofmap.dof_layout
     fdim = space.mesh.topology.dim - 1
     facets = basix.topology(space.mesh.basix_cell())[fdim]

@@ -42,7 +42,6 @@ class CauchyStress:
             self._expressions.append((expression, region.cells))
 
     def update(self, discretization: Discretization) -> fem.Function:
-        """Evaluate at the displacement of the first or a later discretization."""
         if self._u is not discretization.u:
             self._compile(discretization)
         discretization.update_means()

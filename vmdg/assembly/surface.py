@@ -43,13 +43,7 @@ BROKEN = 0.99
 
 @dataclass(frozen=True)
 class _Term:
-    """Forces that depend on the displacement.
-
-    Attributes:
-        forces: Form in eta; restoring forces are positive.
-        u: Displacement.
-        name: Name of the kernels.
-    """
+    """Forces that depend on the displacement."""
 
     forces: ufl.Form
     u: fem.Function
@@ -61,7 +55,6 @@ class _Term:
 
     @cached_property
     def _tangent_form(self) -> fem.Form:
-        """Derivative of the forces by the displacement."""
         du = ufl.TrialFunction(self.u.function_space)
         return self._compile(ufl.derivative(self.forces, self.u, du))
 
@@ -74,29 +67,21 @@ class _Term:
         fem.assemble_vector(vector, self._vector_form)
 
     def add_tangent(self, matrix: PETSc.Mat) -> None:
-        """Add the derivative of the forces by the displacement, not assembled."""
         fem_petsc.assemble_matrix(matrix, self._tangent_form)
 
 
 @dataclass(frozen=True)
 class _FluidTerm:
-    """Forces of a fluid between the faces of an interface.
-
-    Attributes:
-        active: The interface.
-        dofs: Nodes of the cells.
-    """
+    """Forces of a fluid between the faces of an interface."""
 
     active: ActiveInterface
     dofs: NDArray[np.int32]
 
     def add_to(self, vector: Array) -> None:
-        """As of :class:`_Term`."""
         nodes, d = self.dofs[self.active.facets.cells], self.active.quadrature.d
         add_forces(vector, nodes, d, self.active.fluid.forces())
 
     def add_tangent(self, matrix: PETSc.Mat) -> None:
-        """As of :class:`_Term`."""
         for cells, matrices in self.active.fluid.tangents():
             nodes = self.dofs[cells]
             matrix.setValuesBlockedLocalRCV(nodes, nodes, matrices, PETSc.InsertMode.ADD_VALUES)
@@ -107,9 +92,6 @@ class _Pressure:
     """A pressure on one part of the surface.
 
     Attributes:
-        term: Its forces.
-        function: p in the forms.
-        value: The user's value.
         points: Evaluation points (3, n) if it is f(x, t), otherwise None.
         dofs: Dofs of ``function`` at the points.
         places: Positions of the dofs (3, n).
@@ -130,21 +112,12 @@ class _Pressure:
         return np.broadcast_to(value, len(self.dofs)).astype(float)
 
     def set(self, p: Array) -> None:
-        """Set this pressure at the points, for a fluid its share."""
         share = 1.0 if self.fluid is None else self.fluid.share
         self.function.x.array[self.dofs] = p * share
 
 
 class Surface:
-    """Pressures and springs on the boundary, pressures on the crack faces of interfaces.
-
-    Args:
-        u: Displacement, changed by the solver.
-        bodies: Materials.
-
-    Attributes:
-        fluids: Interfaces with a fluid between their faces.
-    """
+    """Pressures and springs on the boundary, pressures on the crack faces of interfaces."""
 
     kind = "a pressure"
 
@@ -160,27 +133,20 @@ class Surface:
 
     @property
     def pressurised(self) -> bool:
-        """Whether there is a pressure."""
         return bool(self._pressures)
 
     @property
     def sprung(self) -> bool:
-        """Whether there are springs."""
         return bool(self._springs)
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric: not with a follower pressure."""
         return self._bodies.small or not self._pressures
 
     # User input
 
     def add_pressure(self, facets: NDArray[np.int32], value: Value) -> None:
-        """Pressure [MPa] on boundary facets.
-
-        Raises:
-            ValueError: the value has the wrong shape.
-        """
+        """Pressure [MPa] on boundary facets."""
         if self._nodes is None:
             degree = self._space.ufl_element().degree
             self._nodes = fem.functionspace(self._mesh, ("Lagrange", degree))
@@ -200,13 +166,7 @@ class Surface:
         """Pressure [MPa] on both faces of an interface with a fluid.
 
         Args:
-            active: The interface.
-            value: The user's value.
-            debonded: Only where the bond is broken.
             share: Fraction of the value as a function of the opening at the points; None for 1.
-
-        Raises:
-            ValueError: value or share have the wrong shape, or the interface has a pressure.
         """
         if active in self.fluids:
             raise ValueError(
@@ -245,11 +205,7 @@ class Surface:
         self._pressures.append(_Pressure(term, p, value, local, dofs, points, fluid))
 
     def add_spring(self, facets: NDArray[np.int32], stiffness: ArrayLike) -> None:
-        """Springs [MPa/mm] on boundary facets.
-
-        Raises:
-            ValueError: the stiffness has another shape, or is not positive semidefinite.
-        """
+        """Springs [MPa/mm] on boundary facets."""
         K, eta = self._foundation(np.asarray(stiffness)), ufl.TestFunction(self._space)
         density = surface.spring_force(eta, K, self._u)
         self._springs.append(self._term(density, self._ds(facets)))
@@ -283,7 +239,6 @@ class Surface:
         return K
 
     def _ds(self, facets: NDArray[np.int32]) -> ufl.Measure:
-        """Measure over the owned boundary facets among these."""
         rows = boundary_rows(self._mesh, facets)
         return ufl.Measure(
             "ds",
@@ -325,7 +280,6 @@ class Surface:
             yield Part("pressure", pressure.at(t), pressure.places)
 
     def apply(self, values: Array) -> None:
-        """Set these pressures, ordered as in :meth:`values`."""
         ends = np.cumsum([0, *(len(pressure.dofs) for pressure in self._pressures)])
         for pressure, start, end in zip(self._pressures, ends, ends[1:], strict=False):
             pressure.set(values[start:end])

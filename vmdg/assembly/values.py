@@ -21,8 +21,6 @@ class Part(NamedTuple):
     """Values of one user-defined load or support at a load factor, on this rank.
 
     Attributes:
-        what: The call by which it was given.
-        values: One row per place, or other values.
         places: Positions (3, n), or a single one for all; n may be 0.
     """
 
@@ -32,11 +30,7 @@ class Part(NamedTuple):
 
 
 class Load(Protocol):
-    """All loads, or all supports, of one kind.
-
-    Attributes:
-        kind: What one of them is, for messages.
-    """
+    """All loads, or all supports, of one kind."""
 
     kind: str
 
@@ -59,13 +53,6 @@ def takes_points(value: Value, what: str) -> bool:
     """Whether a value is f(x, t), rather than a number, an array, a Constant or f(t).
 
     Arguments with a default are ignored, since they bind loop variables.
-
-    Args:
-        value: The user's value.
-        what: Name of the load for messages.
-
-    Raises:
-        ValueError: a function with other arguments.
     """
     if not callable(value) or isinstance(value, fem.Constant):
         return False
@@ -103,7 +90,6 @@ def value_at(value: Value, t: float, points: NDArray[np.float64] | None = None) 
 
 
 def not_finite(load: Load, values: NDArray[np.float64], t: float) -> str:
-    """Message on values of a load at load factor t that are not finite; empty if they are."""
     if np.isfinite(values).all():
         return ""
     found = _culprit(list(load.parts(t)))
@@ -129,11 +115,7 @@ def _culprit(parts: Sequence[Part]) -> str:
 def check_resultant(
     comm: MPI.Comm, value: Value, shapes: Sequence[tuple[int, ...]], what: str
 ) -> None:
-    """Check for a number or array of one of these shapes, or f(t) that returns one; collective.
-
-    Raises:
-        ValueError: a function of position, or a value of another shape.
-    """
+    """Check for a number or array of one of these shapes, or f(t) that returns one; collective."""
     if takes_points(value, what):
         raise ValueError(
             f"{what}: the value must be a number, array or f(t); call it once for each point"
@@ -144,11 +126,7 @@ def check_resultant(
 def check_shape(
     comm: MPI.Comm, shape: tuple[int, ...], allowed: Sequence[tuple[int, ...]], what: str
 ) -> None:
-    """Check the shape of a value; collective.
-
-    Raises:
-        ValueError: it is none of those allowed.
-    """
+    """Check the shape of a value; collective."""
     message = None
     if shape not in allowed:
         expected = " or ".join(map(str, allowed))
@@ -163,12 +141,6 @@ def first_value(
 
     Args:
         comm: Communicator; at the points of one rank a function may fail, or return invalid values.
-        value: The user's value.
-        what: Name of the load for messages.
-        points: As for :func:`value_at`.
-
-    Raises:
-        ValueError: it does not return finite numbers.
     """
     message, result = None, np.zeros(0)
     try:

@@ -83,9 +83,6 @@ def same_call(
     Args:
         given: Its arguments as text, those that must be equal on all ranks.
         reminder: Seconds that a rank waits for the others before it prints a reminder.
-
-    Raises:
-        ValueError: ranks differ; on all ranks.
     """
     if comm.size == 1:
         return
@@ -132,9 +129,6 @@ def same_arguments(comm: MPI.Comm, call: str, **given: Any) -> None:
 
     Args:
         given: Its arguments, those that must be equal on all ranks, see :func:`as_text`.
-
-    Raises:
-        ValueError: ranks differ; on all ranks.
     """
     if comm.size > 1:
         same_call(comm, call, [f"{name} = {as_text(value)}" for name, value in given.items()])
@@ -163,7 +157,6 @@ def of_all_ranks(method: Callable[..., T]) -> Callable[..., T]:
 
 
 def _first_error(comm: MPI.Comm, mine: BaseException | None) -> bytes | None:
-    """The error of the lowest failing rank, pickled."""
     packed = None if mine is None else _packed(mine, comm.rank)
     if comm.rank > 0:
         request = comm.isend(packed, 0, _TAG)
@@ -231,11 +224,7 @@ class Interrupt:
             print(f"\nvmdg: {words}", file=sys.stderr, flush=True)
 
     def check(self) -> None:
-        """Stop here if any rank was interrupted; collective.
-
-        Raises:
-            KeyboardInterrupt: a rank was interrupted.
-        """
+        """Stop here if any rank was interrupted; collective."""
         if global_any(self._comm, self._asked):
             raise KeyboardInterrupt
 

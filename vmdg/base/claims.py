@@ -25,9 +25,6 @@ class Claim:
 
     Rank 0 locks a file next to them until its process ends, however it ends; the file names the
     process. On file systems without locks nothing is claimed.
-
-    Raises:
-        OSError: another run writes there, or the place is not writable; on all ranks.
     """
 
     def __init__(self, comm: MPI.Comm, path: Path, what: str, nested: bool = False):
@@ -48,12 +45,7 @@ class Claim:
         raise_together(comm, message, OSError)
 
     def _locked(self) -> TextIO | None:
-        """The lock; None where the file system has none.
-
-        Raises:
-            BlockingIOError: another process holds it; the message names the process.
-            OSError: it cannot be written.
-        """
+        """The lock; None where the file system has none."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         while True:
             file = self._opened()
@@ -79,11 +71,6 @@ class Claim:
         return file
 
     def _opened(self) -> TextIO:
-        """The file, made if missing.
-
-        Raises:
-            OSError: it is a link, or has other content than a lock.
-        """
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
         try:
             file = open(os.open(self._path, flags, 0o666), "r+")
@@ -97,7 +84,6 @@ class Claim:
         return file
 
     def release(self) -> None:
-        """Release the lock; a second call has no effect."""
         if self._file is not None:
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(self._file.fileno()), os.lstat(self._path)):

@@ -13,11 +13,7 @@ from typing import BinaryIO
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A new file that takes the place of another one, atomically, when the block is complete.
-
-    Raises:
-        OSError: it cannot be written; the file is as before.
-    """
+    """A new file that takes the place of another one, atomically, when the block is complete."""
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         with open(partial, "xb") as file:
@@ -35,5 +31,4 @@ def put_aside(path: Path) -> None:
 
 
 def plain_file(path: Path) -> bool:
-    """Whether it is a file, and not a link to one."""
     return path.is_file() and not path.is_symlink()

@@ -43,6 +43,22 @@ _ENERGY = (
 _ELSEWHERE = {name: _ENERGY for name in ("fracture_energy", "G_c", "Gc", "GIc", "toughness")}
 _ELSEWHERE |= {name: _BULK for name in ("K", "G", "kappa", "bulk_modulus", "shear_modulus")}
 
+#: Arguments by other names: those of PETSc and DOLFINx, and of what is close to them.
+_OTHERWISE = {
+    "SolveOptions": {
+        **dict.fromkeys(("rtol", "snes_rtol", "tolerance", "tol"), "relative_tolerance"),
+        **dict.fromkeys(("max_it", "snes_max_it", "maxiter"), "max_iterations"),
+        "solver_options": "petsc",
+    },
+    "Interface": {
+        "tags": "between",
+        "groups": "between",
+        "tag": "within",
+        "group": "within",
+        "material": "law",
+    },
+    "read_mesh": {"tags": "cell_tags", "physical": "groups", "tolerance": "merge"},
+}
 _SHORT = Repr()
 _SHORT.maxother = _SHORT.maxstring = 80
 
@@ -100,12 +116,6 @@ def door(called: Called, inner: bool = True, largest: float = np.inf) -> Called:
 def _check(
     name: str, function: Callable[..., Any], given: Mapping[str, Any], largest: float = np.inf
 ) -> None:
-    """Compare arguments with their annotations, and numbers with the largest one.
-
-    Raises:
-        TypeError: an argument has another type.
-        ValueError: a number is not finite, or too large.
-    """
     for argument, value in given.items():
         if not fits(value, _hint(function, argument)):
             annotation = function.__annotations__[argument]
@@ -156,7 +166,8 @@ def _miscalled(
         return error
     names = [one for one, _ in kinds]
     for unknown in (word for word in keywords if word not in names):
-        meant, (formula, needed) = near(unknown, names), _ELSEWHERE.get(unknown, ("", []))
+        meant = near(unknown, names, _OTHERWISE.get(name))
+        formula, needed = _ELSEWHERE.get(unknown, ("", []))
         if formula and not meant and {*needed} <= {*names}:
             meant = f": {formula}"
         meant = meant or f"; it takes {', '.join(names)}"
@@ -193,7 +204,6 @@ def _hint(function: Callable[..., Any], argument: str) -> Any:
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Whether a value has the type of an annotation, as far as this can be seen."""
     origin, parts = get_origin(hint), get_args(hint)
     if hint in (Any, inspect.Parameter.empty) or isinstance(hint, TypeVar):
         return True
@@ -251,7 +261,6 @@ def _of_arrays(hint: Any) -> bool:
 
 
 def _numbers(value: Any) -> bool:
-    """Whether numpy makes numbers of it."""
     try:
         return np.asarray(value).dtype.kind in "biuf"
     except ValueError:

@@ -22,7 +22,6 @@ def components(
 
 
 def occurrences(values: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Number of earlier occurrences of each entry."""
     order = np.argsort(values, kind="stable")
     result = np.empty(len(values), dtype=np.int64)
     result[order] = np.arange(len(values)) - np.searchsorted(values[order], values[order])

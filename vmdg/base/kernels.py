@@ -181,12 +181,10 @@ def compile_expression(
 
 
 def _signature(expression: Expr, points: NDArray[np.float64]) -> str:
-    """Name of an expression at points, without the running numbers of its fields."""
     return compute_signature([(expression, points)], "")
 
 
 def _expression_folder(key: str) -> str:
-    """Folder of an expression, of which there are enough that no folder is long, see above."""
     return f"expression_{key[:2]}"
 
 
@@ -288,7 +286,6 @@ class PointKernel:
 def _source_module(
     code: str, declaration: str, sizes: dict[str, int], folder: Path
 ) -> tuple[ModuleType, None, str | None]:
-    """The module, and its source if it was not cached."""
     arguments = [*_PRODUCTS, *(f"-D{macro}={value}" for macro, value in sizes.items())]
     read = [code, _VECTORS.read_text(), declaration, arguments]
     key = hashlib.sha1(json.dumps(read).encode()).hexdigest()
@@ -326,13 +323,6 @@ def _compiled(
     The ranks that it waits for wait for no lock: they have come here too. Processes that compile
     without the lock do not interfere: the kernels of vmdg have a subfolder of their own in
     DOLFINx's cache, unless ``options`` name a folder.
-
-    Args:
-        compile_in: Compiles or loads, with options that name the folder.
-
-    Raises:
-        RuntimeError: another process takes too long to compile a kernel, it cannot be compiled, or
-            others can write to the cache.
     """
     folder = cache_folder(options) / folder_name
     patience = options.get("timeout", JIT_OPTIONS["timeout"])
@@ -361,11 +351,7 @@ def _compiled(
 
 def _locked(folder: Path, patience: float) -> TextIO | None:
     """The lock of a folder, which is made if missing; None in a read-only folder, or without locks
-    of the file system.
-
-    Raises:
-        TimeoutError: another process holds it.
-    """
+    of the file system."""
     try:
         for path in (folder.parent, folder):
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -400,9 +386,6 @@ def _check_kernels(folder: Path, locked: bool) -> None:
 
     Args:
         locked: Whether it is locked, so that no process is writing there.
-
-    Raises:
-        PermissionError: another user made the folder or a kernel, or can write there.
     """
     if not folder.is_dir() or checked_folders.get(folder) == folder.stat().st_mtime_ns:
         return
@@ -422,17 +405,12 @@ def _check_kernels(folder: Path, locked: bool) -> None:
 
 
 def _remove(folder: Path, name: str, *others: Path) -> None:
-    """Remove a kernel, its mark first."""
     for file in (*(folder / f"{name}.{end}" for end in ("c.cached", "o", "c")), *others):
         file.unlink(missing_ok=True)
 
 
 def _open_to_others(path: Path) -> bool:
-    """Whether others can write to a folder or a file of this user; a folder is closed to them.
-
-    Raises:
-        PermissionError: it belongs to another user but root, or root's is open to others.
-    """
+    """Whether others can write to a folder or a file of this user; a folder is closed to them."""
     status, me = path.stat(), os.getuid()
     wide = bool(status.st_mode & 0o022)
     if status.st_uid not in (me, 0) or (wide and status.st_uid != me):
@@ -448,7 +426,6 @@ def _open_to_others(path: Path) -> bool:
 
 
 def _is_whole(library: Path) -> bool:
-    """Whether a library of Linux is as long as its header says."""
     with library.open("rb") as file:
         header = file.read(64)
     if sys.platform != "linux":

@@ -22,6 +22,8 @@ import numpy as np
 from dolfinx.common import IndexMap
 from numpy.typing import ArrayLike, NDArray
 
+from .. import compat
+
 _PACKAGE = __name__.partition(".")[0]
 
 #: Seconds that a failed rank waits for the others.
@@ -37,12 +39,10 @@ def global_sum(comm: MPI.Comm, value: ArrayLike) -> NDArray:
 
 
 def global_norm(comm: MPI.Comm, values: NDArray[np.float64]) -> float:
-    """Euclidean norm of a distributed vector."""
     return float(np.sqrt(global_sum(comm, values @ values)))
 
 
 def global_max(comm: MPI.Comm, value: float) -> float:
-    """Largest value over ranks."""
     return cast(float, _reduced(comm, value, MPI.MAX))
 
 
@@ -53,12 +53,10 @@ def global_box(comm: MPI.Comm, points: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def global_any(comm: MPI.Comm, value: bool) -> bool:
-    """True on every rank where it is true on one."""
     return bool(_reduced(comm, bool(value), MPI.MAX))
 
 
 def gathered(comm: MPI.Comm, rows: NDArray) -> NDArray:
-    """The rows of all ranks, in their order."""
     return rows if comm.size == 1 else np.concatenate(comm.allgather(rows))
 
 
@@ -120,7 +118,6 @@ def group_maxima(
 
     Args:
         values: One row per index, owned ones first, then ghosts; below 2^53, exact in doubles.
-        group: Number of the group on this rank, for each of these.
     """
     result = values.astype(PETSc.ScalarType)
     _raise_members(result, members, group)
@@ -148,10 +145,23 @@ def group_maxima(
 def _raise_members(
     values: NDArray[np.float64], members: NDArray[np.bool_], group: NDArray[np.integer]
 ) -> None:
-    """Set the members of every group to their maximum on this rank."""
     largest = np.full(group.max(initial=-1) + 1, -np.inf)
     np.maximum.at(largest, group, values[members])
     values[members] = largest[group]
+
+
+def index_map_of(
+    comm: MPI.Comm, size_local: int, numbers: NDArray[np.int64]
+) -> tuple[IndexMap, NDArray[np.int32]]:
+    """An index map of which every rank owns the next ``size_local`` numbers and has ghosts of the
+    others among some global ``numbers``, and these as local ones; collective."""
+    ends = np.cumsum(comm.allgather(size_local))
+    first = int(ends[comm.rank]) - size_local
+    foreign = (numbers < first) | (numbers >= first + size_local)
+    ghosts = np.unique(numbers[foreign])
+    owners = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
+    local = np.where(foreign, size_local + np.searchsorted(ghosts, numbers), numbers - first)
+    return compat.index_map(comm, size_local, ghosts, owners), local.astype(np.int32)
 
 
 def within(seconds: float, done: Callable[[], bool]) -> bool:

@@ -14,7 +14,6 @@ DIGITS = 6
 
 
 def rounded(values: ArrayLike) -> list[Any]:
-    """Numbers as a list for messages, rounded to six digits of the largest one."""
     numbers = np.asarray(values, dtype=float)
     largest = np.abs(numbers).max(initial=0.0)
     if not 0 < largest < np.inf:

@@ -53,7 +53,6 @@ def as_text(value: Any, depth: int = _DEPTH) -> str:
 
 
 def in_full(value: Any) -> Any:
-    """Arrays as lists, of which all numbers are compared."""
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 

@@ -31,7 +31,6 @@ def timer(name: str) -> Timer:
 
 
 def timings() -> dict[str, Timing]:
-    """All timings of this process so far, by name."""
     return {name: Timing(name, *compat.timing(f"vmdg: {name}")) for name in _names}
 
 

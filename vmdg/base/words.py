@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
-from functools import wraps
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-Called = TypeVar("Called", bound=Callable[..., Any])
 
 
 def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = None) -> str:
@@ -27,22 +23,14 @@ def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = Non
 
 
 def checked_path(what: str, path: Any) -> Path:
-    """A path that a user gives.
-
-    Raises:
-        TypeError: it is not a path.
-    """
+    """A path that a user gives."""
     if not isinstance(path, str | PathLike):
         raise TypeError(f"{what} = {path!r} must be a str or a Path")
     return Path(path)
 
 
 def as_numbers(values: Any) -> NDArray[np.float64]:
-    """The user's values as an array of floats; numpy alone would convert text such as "3.0".
-
-    Raises:
-        ValueError: one of them is text or complex, of which numpy would drop a part.
-    """
+    """The user's values as an array of floats; numpy alone would convert text such as "3.0"."""
     array = np.asarray(values)
     if array.dtype.kind == "c":
         raise ValueError("it is complex; give its real part")
@@ -54,11 +42,7 @@ def as_numbers(values: Any) -> NDArray[np.float64]:
 
 
 def at_points(function: Callable[..., Any], *arguments: Any, what: str = "") -> Any:
-    """Call a user's function of points x (3, n).
-
-    Raises:
-        ValueError: it is written for one point.
-    """
+    """Call a user's function of points x (3, n)."""
     try:
         return function(*arguments)
     except ValueError as error:
@@ -69,35 +53,3 @@ def at_points(function: Callable[..., Any], *arguments: Any, what: str = "") -> 
             "`if` and 0 < x[0] < 1 work for one point only: write (0 < x[0]) & (x[0] < 1), with | "
             "and ~ for the others, and np.where(x[0] < 1, a, b)"
         ) from error
-
-
-def near_keywords(**others: str) -> Callable[[Called], Called]:
-    """Decorate a function or a class: for an unknown keyword the error suggests the intended one.
-
-    Python itself (3.13, and not in the ``__init__`` of data classes whose names differ by more than
-    a few letters) names one that is spelt nearly the same. The signature stays as it is, for
-    editors and for :func:`inspect.signature`.
-    """
-
-    def decorate(called: Called) -> Called:
-        function = called.__init__ if inspect.isclass(called) else called
-        names = [
-            parameter.name
-            for parameter in inspect.signature(called).parameters.values()
-            if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
-        ]
-
-        @wraps(function)
-        def checked(*arguments: Any, **keywords: Any) -> Any:
-            for name in keywords:
-                if name not in names:
-                    meant = near(name, names, others) or f"; it takes {', '.join(names)}"
-                    raise TypeError(f"{called.__name__}: there is no {name}={meant}")
-            return function(*arguments, **keywords)
-
-        if not inspect.isclass(called):
-            return cast(Called, checked)
-        cast(Any, called).__init__ = checked
-        return called
-
-    return decorate

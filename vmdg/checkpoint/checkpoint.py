@@ -93,15 +93,7 @@ def write_checkpoint(problem: Problem, folder: str | Path, history: History | No
 
 
 def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
-    """The exclusive right to write checkpoints to a folder, until released; collective.
-
-    Args:
-        comm: The ranks.
-        folder: Created if missing.
-
-    Raises:
-        OSError: another run writes there, or the folder is not writable; on all ranks.
-    """
+    """The exclusive right to write checkpoints to a folder, until released; collective."""
     what = f"the checkpoint in {folder}"
     return Claim(
         comm, checked_path("checkpoint: folder", folder) / "checkpoint.lock", what, nested=True
@@ -109,12 +101,7 @@ def claim_checkpoint(comm: MPI.Comm, folder: str | Path) -> Claim:
 
 
 def warn_of_replacement(comm: MPI.Comm, folder: str | Path) -> None:
-    """Warn if a run from the start would replace the checkpoint of another; collective.
-
-    Args:
-        comm: The ranks.
-        folder: For the checkpoints of the new run.
-    """
+    """Warn if a run from the start would replace the checkpoint of another; collective."""
     place, message = checked_path("checkpoint: folder", folder), None
     if comm.rank == 0 and place.is_dir():
         try:
@@ -171,19 +158,19 @@ def _write(problem: Problem, folder: Path, history: History | None) -> None:
         "history": [] if history is None else history.rows,
         "units": {} if history is None else history.units,
     }
-    parts = problem.discretization
-    fields = {"u": parts.u.x.array, "forces": parts.forces.x.array}
+    discretization = problem.discretization
+    fields = {"u": discretization.u.x.array, "forces": discretization.forces.x.array}
     fields |= {_start(i): start for i, start in enumerate(problem.loading.given.starts)}
     if (motion := problem.step.motion) is not None:
         fields |= motion.fields()
-    if parts.means is not None:
-        dofs = parts.means.dofs
+    if discretization.means is not None:
+        dofs = discretization.means.dofs
         about["macroscopic"] = {
             name: values[dofs] for name, values in fields.items() if not name.startswith("start ")
         }
-    points = parts.bodies.points
+    points = discretization.bodies.points
     rows = {_POINTS: points.rows(points.state)} if points else {}
-    cells = cell_records(parts.space, fields, _places(parts), rows)
+    cells = cell_records(discretization.space, fields, _places(discretization), rows)
     write_files(comm, folder, about, {_CELLS: cells} | interfaces)
 
 
@@ -225,7 +212,7 @@ def read_checkpoint(problem: Problem, folder: str | Path) -> History | None:
     for mine, start in zip(problem.loading.given.starts, starts, strict=True):
         mine[:] = start
     if starts:  # supports must be imposed again
-        problem.loading.follow(problem.discretization)
+        problem.loading.rebuild(problem.discretization)
     problem.step.return_to(snapshot)
     if problem.step.motion is not None:
         problem.step.motion.take(moving)
@@ -282,9 +269,9 @@ def _start(i: int) -> str:
     return f"start {i}"
 
 
-def _places(parts: Discretization) -> fem.FunctionSpace:
+def _places(discretization: Discretization) -> fem.FunctionSpace:
     """A space in which every node has a unique position."""
-    return parts.space if parts.means is None else parts.means.broken
+    return discretization.space if discretization.means is None else discretization.means.broken
 
 
 def _read_state(

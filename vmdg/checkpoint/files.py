@@ -36,11 +36,7 @@ _CHUNK = 1 << 20
 
 
 def latest(folder: Path) -> Path | None:
-    """The complete one of the two folders, None if there is none; on one rank.
-
-    Raises:
-        ValueError: the file that names it is missing or invalid.
-    """
+    """The complete one of the two folders, None if there is none; on one rank."""
     named = folder / _LATEST
     if folder.is_file():
         raise ValueError("it is a file, not a folder")
@@ -61,11 +57,6 @@ def write_files(
 
     Args:
         arrays: This rank's rows by name; the file contains the rows of all ranks in order.
-
-    Raises:
-        ValueError: the description cannot be stored in JSON; on all ranks, and the previous content
-            remains valid.
-        OSError: the folder is not writable or the disk is full; likewise.
     """
     message = None
     try:
@@ -110,9 +101,6 @@ def read_description(
 
     Args:
         version: "format" of a description with checksums; others are returned unchecked.
-
-    Raises:
-        ValueError: a file is missing, or was modified or truncated after it was written.
     """
     found, message = None, None
     if comm.rank == 0:
@@ -129,12 +117,6 @@ def read_description(
 
 
 def _checked_description(folder: Path, slot: Path, version: int) -> dict[str, Any]:
-    """The description of a folder, with all files verified; on one rank.
-
-    Raises:
-        OSError: a file is missing.
-        ValueError: a file was modified.
-    """
     about = json.loads((slot / _ABOUT).read_bytes())
     if not isinstance(about, dict) or "format" not in about:
         raise ValueError(f"{_ABOUT} is not the description of a checkpoint")
@@ -157,22 +139,14 @@ def _checksum(path: Path) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Convert numpy arrays and numbers to JSON types.
-
-    Raises:
-        TypeError: it has another type.
-    """
+    """Convert numpy arrays and numbers to JSON types."""
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{value!r} is a {type(value).__name__}")
 
 
 def open_arrays(comm: MPI.Comm, slot: Path, names: Iterable[str]) -> dict[str, NDArray]:
-    """Memory-mapped arrays by name on every rank; collective.
-
-    Raises:
-        ValueError: a file is missing or damaged.
-    """
+    """Memory-mapped arrays by name on every rank; collective."""
     arrays, message = {}, None
     try:
         arrays = {name: np.load(_file(slot, name), mmap_mode="r") for name in names}
@@ -186,12 +160,7 @@ def open_arrays(comm: MPI.Comm, slot: Path, names: Iterable[str]) -> dict[str, N
 
 
 def remove_files(folder: Path) -> None:
-    """Remove both folders and the file that names them, if there is a checkpoint; on one rank.
-
-    Raises:
-        OSError: they cannot be removed.
-        ValueError: the folder has something of their names that vmdg did not write.
-    """
+    """Remove both folders and the file that names them, if there is a checkpoint; on one rank."""
     slots = [folder / name for name in _SLOTS if os.path.lexists(folder / name)]
     named = folder / _LATEST
     for slot in slots:
@@ -210,11 +179,7 @@ def remove_files(folder: Path) -> None:
 
 
 def _check_slot(slot: Path) -> None:
-    """Check that a folder has nothing but what :func:`write_files` writes.
-
-    Raises:
-        ValueError: it has.
-    """
+    """Check that a folder has nothing but what :func:`write_files` writes."""
     others = [slot] if slot.is_symlink() or not slot.is_dir() else []
     others += [
         file
@@ -232,11 +197,6 @@ def _file(slot: Path, name: str) -> Path:
 
 
 def _empty_slot(folder: Path) -> Path:
-    """An empty folder next to the valid one.
-
-    Raises:
-        ValueError: the file that names the valid one is missing or invalid.
-    """
     folder.mkdir(parents=True, exist_ok=True)
     valid = latest(folder)
     if valid is None:
@@ -269,7 +229,6 @@ def _name_latest(folder: Path, line: str) -> None:
 
 
 def _write(path: Path, parts: Iterable[bytes | NDArray]) -> str:
-    """Write a file of these parts and sync it to disk; return its checksum."""
     with path.open("xb") as file:
         return _write_to(file, parts)
 
@@ -285,7 +244,6 @@ def _write_to(file: BinaryIO, parts: Iterable[bytes | NDArray]) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """Sync the directory entries of a folder to disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

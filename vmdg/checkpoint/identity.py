@@ -82,13 +82,11 @@ def _parameters(law: Any) -> dict[str, Any]:
 
 
 def _described(item: object, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Class and parameters, without those that are not numbers or words."""
     known = {k: v for k, v in parameters.items() if isinstance(v, (bool, int, float, str))}
     return {"class": type(item).__name__} | known
 
 
 def differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
-    """Differences, one line per item: name, stored and current value."""
     names = dict.fromkeys([*stored, *present])
     return [
         f"{name}: {stored.get(name, 'nothing')} there, {present.get(name, 'nothing')} here"

@@ -103,9 +103,6 @@ def restore_fields(
 
     Args:
         space: Space of the fields; dofs outside all cells are zero.
-
-    Raises:
-        ValueError: a node has another position; on this rank only.
     """
     mine, present = records[_input_numbers(space.mesh)], _places(places)
     arrays = {}
@@ -156,7 +153,6 @@ def _restored_near(active: MovingInterface, records: NDArray) -> NDArray[np.intp
 
 
 def _records(columns: Mapping[str, NDArray]) -> NDArray:
-    """Arrays with one row per record, as records."""
     kind = [(name, values.dtype, values.shape[1:]) for name, values in columns.items()]
     records = np.empty(len(columns["key"]), dtype=kind)
     for name, values in columns.items():
@@ -165,18 +161,12 @@ def _records(columns: Mapping[str, NDArray]) -> NDArray:
 
 
 def find_records(records: NDArray, keys: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray]:
-    """Indices of the keys that have records, in increasing order, and these records."""
     _, positions, found = np.intersect1d(keys, records["key"], return_indices=True)
     order = np.argsort(positions)
     return positions[order], records[found[order]]
 
 
 def restore_interface(active: ActiveInterface, records: NDArray) -> InterfaceSnapshot:
-    """The state of an interface from the records of the facets of this rank.
-
-    Raises:
-        ValueError: a point has no record at its position; on this rank only.
-    """
     quadrature = active.quadrature
     source = _same_points(quadrature, records["place"])
     arrays, at_points = {}, _at_points(active)
@@ -200,11 +190,7 @@ def restore_pairs(
     near: NDArray,
 ) -> InterfaceSnapshot:
     """The state of surfaces that slide at a displacement, from the records of all pairs, of all
-    facets, and of what is coupled.
-
-    Raises:
-        ValueError: a facet or a pair has no record; on this rank only.
-    """
+    facets, and of what is coupled."""
     keys = _surface_keys(active)
     order = np.argsort(surfaces["key"])
     rows = order[np.searchsorted(surfaces["key"], keys, sorter=order) % len(order)]
@@ -266,12 +252,10 @@ def _both_keys(active: MovingInterface) -> list[NDArray[np.int64]]:
 
 
 def _keys_of(mesh: Mesh, cells: NDArray[np.int32], local: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Keys of facets by their cells and numbers in them."""
     return _input_numbers(mesh)[cells] * _facets_of_cell(mesh) + local
 
 
 def _facet_count(mesh: Mesh) -> int:
-    """Number of keys."""
     return mesh.topology.index_map(mesh.topology.dim).size_global * _facets_of_cell(mesh)
 
 
@@ -280,7 +264,6 @@ def _facets_of_cell(mesh: Mesh) -> int:
 
 
 def _input_numbers(mesh: Mesh) -> NDArray[np.int64]:
-    """Numbers of the cells of this rank in the input of the mesh, ghosts last."""
     return np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
 
 

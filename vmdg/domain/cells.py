@@ -29,9 +29,6 @@ def check_cells(mesh: Mesh) -> None:
     det dX/dxi must have one sign at the corners and inside of every cell, edges must have a length,
     and the two cells of a facet must lie on different sides of it; this is the only sign of an
     inverted simplex.
-
-    Raises:
-        ValueError: names a cell, where it is and what is wrong.
     """
     # Collective, so before ranks with a bad cell leave.
     pairs = facet_cells(mesh)

@@ -44,10 +44,6 @@ def make_geometry(
     Args:
         thickness: Thickness of a plane body [mm].
         axial: Whether F_33 of a plane body is an unknown.
-
-    Raises:
-        ValueError: unknown option, a mesh that is not a half section, a thickness without meaning,
-            or cells that mean dilatation does not support.
     """
     if volumetric not in VOLUMETRIC:
         raise ValueError(f"Problem: volumetric = {volumetric!r} must be one of {VOLUMETRIC}")

@@ -63,9 +63,6 @@ class Lattice:
 
         Args:
             x: Points of every entity, of all ranks (entities, points, d).
-
-        Raises:
-            ValueError: an entity on a face has no image on the opposite face.
         """
         fractions, middle = self.fractions(x), x.mean(axis=1)
         pairs = [np.zeros((0, 2), dtype=np.intp)]
@@ -82,7 +79,6 @@ class Lattice:
         return np.concatenate(pairs)
 
     def _check(self, points: Array, others: Array, to: Array, side: int) -> None:
-        """Compare the points of a face with those of the opposite one."""
         axis = ("first", "second", "third")[side]
         if not len(points) and not len(others):
             raise ValueError(
@@ -108,9 +104,6 @@ def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
 
     Args:
         vectors: Its sides, one per row (d, d); None for those of its bounding box [mm].
-
-    Raises:
-        ValueError: the vectors are not independent, or the mesh does not fill the cell.
     """
     d = mesh.geometry.dim
     A = np.diag(box_sides(mesh)[:d]) if vectors is None else as_numbers(vectors)

@@ -66,10 +66,6 @@ class Bodies:
         rigid: Marks of local cells that belong to a rigid wall.
         mean_dilatation: Whether J is constant in a cell, from the geometry.
         points: Bodies whose stress is computed at points; None for none.
-
-    Raises:
-        ValueError: a cell has no tag, a tag no material, or a material no cell, or a parameter has
-            no value in a cell.
     """
 
     def __init__(
@@ -145,14 +141,12 @@ class Bodies:
 
     @property
     def fields(self) -> list[fem.Function]:
-        """Fields other than the displacement on which the stress depends."""
         geometry = self.geometry
         mean = [geometry.theta, geometry.pressure] if isinstance(geometry, MeanDilatation) else []
         return mean if self._eigenstrain is None else [self._eigenstrain, *mean]
 
     @property
     def grow(self) -> bool:
-        """Whether a body has an eigenstrain."""
         return self._eigenstrain is not None
 
     def eigenstrains(self, t: float) -> NDArray[np.float64]:
@@ -180,8 +174,7 @@ class Bodies:
 
     def least_stretch(self, values: NDArray[np.float64]) -> float:
         """Smallest eigenvalue of F_s = I + e over the cells of this rank, or a positive lower
-        bound.
-        """
+        bound."""
         if not self._tensor:
             return 1 + float(values.min(initial=0.0))
         stretches = np.eye(3) + values.reshape(-1, 3, 3)
@@ -194,7 +187,6 @@ class Bodies:
         return float(bounds.min(initial=1.0))
 
     def set_eigenstrains(self, values: NDArray[np.float64]) -> None:
-        """Set eigenstrains, as returned by :meth:`eigenstrains`, times the factors of groups."""
         if self._eigenstrain is not None:
             self._eigenstrain.x.array[:] = values
             size = self._eigenstrain.function_space.dofmap.index_map_bs
@@ -204,7 +196,6 @@ class Bodies:
 
     @property
     def swelling(self) -> list[int]:
-        """Tags of the groups with an eigenstrain."""
         return list(self._eigenstrains)
 
     @contextmanager
@@ -229,9 +220,6 @@ def cell_values(
 
     Returns:
         One number, or (n,).
-
-    Raises:
-        ValueError: it is none of these, or not finite.
     """
     if isinstance(value, Real):
         return float(value)
@@ -277,11 +265,7 @@ def _given_on(mesh: Mesh, value: Any, cells: NDArray[np.integer]) -> NDArray[np.
 def rows_of_cells(
     mesh: Mesh, value: fem.Function | ArrayLike, cells: NDArray[np.integer]
 ) -> NDArray[np.float64]:
-    """Values of a Function of degree 0, or rows of an array of all local cells, at cells (n, ...).
-
-    Raises:
-        ValueError: the Function is of another degree or mesh, or the array of another length.
-    """
+    """Values of a Function of degree 0, or rows of an array of local cells, at cells (n, ...)."""
     if isinstance(value, fem.Function):
         space = value.function_space
         if space.mesh is not mesh or space.dofmap.list.shape[1:] != (1,):

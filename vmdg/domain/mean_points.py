@@ -33,9 +33,6 @@ class MeanPoints:
 
     Deformations are diag(F, theta), at small strain diag(strain, theta - 1), (n, 4, 4); rows and
     columns of moduli are the entries of F, then theta.
-
-    Args:
-        entries: Entries of F that differ from those of I.
     """
 
     def __init__(self, entries: Entries, axes: int, small: bool):

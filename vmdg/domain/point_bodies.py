@@ -26,7 +26,7 @@ from ..forms.geometry import Cartesian, Geometry
 from ..forms.kinematics import PointFields
 from ..materials.point import PointMaterial
 from .mean_points import MeanPoints
-from .point_answers import Question
+from .point_evaluator import PointEvaluator
 from .shapes import GeometryMap, determinants, places_in_cells
 
 Array = NDArray[np.float64]
@@ -85,7 +85,6 @@ class PointBodies:
     All local cells are evaluated, ghosts included, so ranks need not communicate.
 
     Args:
-        materials: Material of those tags that have one at points.
         plane_stress: Zero stress out of the plane instead of zero strain.
         eigenstrain: Stress-free strain of the cells, a number or a tensor (3, 3); None for none.
 
@@ -197,10 +196,6 @@ class PointBodies:
             dt: Time step [s].
             hold: Keep the moduli of the last evaluation, for a predictor: those of the last
                 iteration are closer to those of the step than the elastic ones of a state at rest.
-
-        Raises:
-            ValueError: a material answers with arrays of the wrong shape, or with a history or
-                energies that are not finite where the stress is, on every rank.
         """
         with timer("bodies at points"):
             evaluated = lambda: self._checked(self._evaluated(deformation, dt))  # noqa: E731
@@ -252,13 +247,13 @@ class PointBodies:
         rows, columns = self._rows[:count_F], self._columns[:count_F]
         for (material, start, stop), before in zip(self._parts, old.history, strict=True):
             after = np.empty_like(before)
-            ask = Question(material, dt, self._small, self._plane_stress)
+            evaluate = PointEvaluator(material, dt, self._small, self._plane_stress)
             for first in range(start * count, stop * count, _BATCH):
                 batch = slice(first, min(first + _BATCH, stop * count))
                 own = slice(batch.start - start * count, batch.stop - start * count)
                 F, e = deformation[batch], None if strain is None else strain[batch]
                 effective = F if self._mean is None else self._mean.effective(F)
-                found, reached = ask(effective, before[own], e)
+                found, reached = evaluate(effective, before[own], e)
                 S, A = found.stress, found.moduli.reshape(-1, 9, 9)
                 if len(rows) < 9:
                     A = A[:, (3 * rows + columns)[:, None], 3 * rows + columns]
@@ -284,11 +279,7 @@ class PointBodies:
 
     def _checked(self, state: PointState) -> PointState:
         """A new state, if all is finite, or if a stress or moduli are not, with which an attempt of
-        a step fails.
-
-        Raises:
-            ValueError: something else is not finite where the stress is.
-        """
+        a step fails."""
         self.lost = ""
         arrays = state.stress, state.moduli, state.stored, state.dissipated
         points = [a.reshape(state.stored.size, *a.shape[2:]) for a in arrays]
@@ -328,7 +319,6 @@ class PointBodies:
         return np.repeat(tensors, len(self.points), axis=0)
 
     def take(self, state: PointState) -> None:
-        """Make a state the current one, also in the forms."""
         before, self.state, axes = self.state, state, self._axes
         _write(self.fields.stress, self.cells, state.stress[..., axes[:, None], axes])
         _write(self.fields.stored, self.cells, state.stored)
@@ -387,7 +377,6 @@ class PointBodies:
         return self._piola_moduli(self.state, self._row[cells])
 
     def frozen_in(self, cells: NDArray[np.integer]) -> Array:
-        """That of the adjoint term."""
         return self.state.frozen[self._row[cells]]
 
     def stress_slopes(self, cells: NDArray[np.int32], places: Array) -> Array:
@@ -401,13 +390,11 @@ class PointBodies:
         return (of_reference @ np.linalg.inv(J)).reshape(-1, 3, 3, places.shape[1])
 
     def has(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
-        """Which of some local cells are evaluated at points."""
         return self._row[cells] >= 0
 
     # Steps
 
     def renew(self) -> None:
-        """The current moduli are those of the adjoint term from now on."""
         self.take(_with(self.state, frozen=self._piola_moduli(self.state, slice(None))))
 
     def commit(self) -> None:
@@ -433,7 +420,6 @@ class PointBodies:
         return rows
 
     def from_rows(self, rows: Array) -> PointState:
-        """The state of :meth:`rows`."""
         now, count = self.state, len(self.points)
         size = max(material.size for material, *_ in self._parts)
         shapes = [(count, size), *(a.shape[1:] for a in (now.stress, now.moduli, now.frozen))]
@@ -466,7 +452,6 @@ class PointBodies:
         return J * around * self._weights * owned[:, None] * float(self._geometry.thickness)
 
     def of_tag(self, tag: int) -> BodyState:
-        """Values at the points of a tag; its converged history."""
         number = list(self.materials).index(tag)
         material, start, stop = self._parts[number]
         volumes = self._volumes[start:stop].ravel()
@@ -527,7 +512,6 @@ class PointDeformation:
 
 
 def _finite(array: Array) -> NDArray[np.bool_]:
-    """Which rows are finite."""
     return np.isfinite(joined_axes(array, 1)).all(axis=1)
 
 

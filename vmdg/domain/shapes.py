@@ -49,7 +49,6 @@ def lagrange(
 
 
 def coordinate_shapes(mesh: Mesh) -> basix.ufl._ElementBase:
-    """The shape functions of the positions."""
     coordinates = compat.coordinate_element(mesh)
     variant = basix.LagrangeVariant(coordinates.variant)
     return lagrange(mesh.topology.cell_name(), coordinates.degree, variant)

@@ -61,21 +61,10 @@ class NamedTags(MeshTags):
 
 
 def names_of(tags: MeshTags) -> dict[str, int]:
-    """Tag by name; empty where the groups have no names."""
     return getattr(tags, "names", {})
 
 
 def group_tag(group: Group, names: Mapping[str, int], what: str) -> int:
-    """The tag of a group.
-
-    Args:
-        group: Its tag or its name.
-        names: Tag by name.
-        what: Caller, for messages.
-
-    Raises:
-        ValueError: there is no group of this name.
-    """
     if not isinstance(group, str):
         return group
     if group in names:
@@ -92,16 +81,6 @@ def group_tag(group: Group, names: Mapping[str, int], what: str) -> int:
 
 
 def by_tag(values: Mapping[Group, Value], names: Mapping[str, int], what: str) -> dict[int, Value]:
-    """Values by tag, given by tag or by name.
-
-    Args:
-        values: By group.
-        names: Tag by name.
-        what: Caller, for messages.
-
-    Raises:
-        ValueError: there is no group of this name, or a group has two values.
-    """
     result: dict[int, Value] = {}
     for group, value in values.items():
         tag = group_tag(group, names, what)

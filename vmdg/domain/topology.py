@@ -67,7 +67,6 @@ def tags_of_cells(mesh: Mesh, cell_tags: MeshTags) -> NDArray[np.int32]:
 
 
 def mark_everywhere(mesh: Mesh, dim: int, entities: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Mark entities on every rank that holds them if they are marked on any of these ranks."""
     marks = la.vector(mesh.topology.index_map(dim), dtype=np.int32)
     marks.array[entities] = 1
     marks.scatter_reverse(la.InsertMode.add)
@@ -83,12 +82,7 @@ def outer_facets(mesh: Mesh) -> NDArray[np.bool_]:
 
 
 def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
-    """Local cells, ghosts included, at whose midpoint a level set is negative; collective.
-
-    Raises:
-        TypeError: the level set is not a function.
-        ValueError: it does not return one finite number per point.
-    """
+    """Local cells, ghosts included, at whose midpoint a level set is negative; collective."""
     if not callable(level_set):
         raise TypeError(
             f"the level set {level_set!r} must be a function of points x (3, n), for example "
@@ -121,12 +115,7 @@ def cells_inside(mesh: Mesh, level_set: LevelSet) -> NDArray[np.bool_]:
 def located(
     mesh: Mesh, find: Callable[[Locator], NDArray[np.int32]], where: Locator, what: str
 ) -> NDArray[np.int32]:
-    """Entities that DOLFINx locates by a user's predicate; an error on one rank is raised on all.
-
-    Raises:
-        TypeError: it is not a function.
-        ValueError: the predicate does not return True or False for every point.
-    """
+    """Entities that DOLFINx finds by a user's predicate; an error on one rank is raised on all."""
     if not callable(where):
         raise TypeError(
             f"{what}: where = {where!r} must be a predicate on coordinates (3, n), for example "
@@ -147,12 +136,7 @@ def located(
 
 
 def checked_facets(mesh: Mesh, where: ArrayLike, what: str) -> NDArray[np.int32]:
-    """Local facets as given by a user; collective.
-
-    Raises:
-        TypeError: a tag or a mask instead of facets.
-        ValueError: a facet does not exist.
-    """
+    """Local facets as given by a user; collective."""
     facets = np.asarray(where)
     if facets.ndim != 1 or (facets.size and facets.dtype.kind not in "iu"):
         raise TypeError(
@@ -181,9 +165,6 @@ def refuse_facets(
 
     Args:
         reason: The error and the remedy, which follow the place of the facet in the message.
-
-    Raises:
-        ValueError: one is marked.
     """
     fdim = mesh.topology.dim - 1
     owned = facets[facets < mesh.topology.index_map(fdim).size_local]

@@ -104,11 +104,6 @@ class Weibull:
 
         Args:
             x: Points (d, n) [mm].
-
-        Raises:
-            ValueError: points are closer together than the resolution, or so far from the origin
-                that their rounding is not far below it, or there is no resolution; sections are not
-                integers.
         """
         x = np.asarray(x, dtype=float)
         boxes = self._boxes(x) if self.section is None else self._sections(x)

@@ -13,9 +13,9 @@ from ..base.agreement import together
 from ..base.parallel import raise_together
 from ..base.texts import in_full
 from ..base.words import as_numbers
+from ..checks.model import check_duration
 from ..domain.tags import Group, by_tag
 from ..output.history import History
-from ..problem.checks import check_duration
 from ..problem.loading import groups_of, let_go
 from ..problem.motion import moving
 from ..problem.problem import Problem

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from ..base.agreement import together
-from ..base.units import power_of_two
+from ..base.arrays import power_of_two
 from ..base.words import near
 from ..laws import Debonding, TrapezoidalDebonding
 from ..points.interface import interface_names

@@ -57,7 +57,6 @@ class PotentialFacets:
         self._tractions: SideEvaluators | None = None
 
     def follow(self, u: fem.Function) -> None:
-        """Use this displacement from now on."""
         if self._delta is None:
             stabilizer = Stabilizer(self.interface, self._quadrature, u, self._bodies)
             self._delta = stabilizer.derive().delta
@@ -126,9 +125,6 @@ class Activation:
 
         Args:
             reason: The error and the remedy, which follow the place of the facet in the message.
-
-        Raises:
-            ValueError: one lies on an interface.
         """
         index_map = self._mesh.topology.index_map(self._mesh.topology.dim - 1)
         inside = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)

@@ -92,7 +92,6 @@ class ActiveInterface:
         return Stabilizer(self.interface, self.quadrature, self._u, self._bodies)
 
     def _make_evaluators(self) -> None:
-        """Make what evaluates expressions at the points."""
         given = self.quadrature, self._u, self._bodies
         pressure = None if self.fluid is None else self.fluid.pressure
         self._return_map = ReturnMap(self.interface, *given, pressure)
@@ -107,9 +106,6 @@ class ActiveInterface:
 
         Returns:
             The resulting change of the energy (30) at this rank's points [N mm; N in plane strain].
-
-        Raises:
-            ValueError: r <= H on a facet: the softening is too steep for the mesh.
         """
         before = self.stabilization
         self._set_stabilization(stabilization)
@@ -239,7 +235,6 @@ class ActiveInterface:
     # Return maps
 
     def start(self) -> PointValues:
-        """The values for undeformed bodies."""
         return self._return_map.start()
 
     def trial(self, closes: bool = False) -> Trial:
@@ -271,8 +266,7 @@ class ActiveInterface:
 
     def go_between(self, start: PointHistory, end: PointValues, share: float) -> None:
         """Set values at the current displacement, with zeta at a fraction of its change in the
-        step.
-        """
+        step."""
         trial = self.trial()
         if end.update is not None:
             gap = start.gap + share * (end.update.gap - start.gap)
@@ -303,13 +297,11 @@ class ActiveInterface:
         TurningTangent | None,
     ]:
         """D dA and Tt dA at the points, see :class:`.PointTangent`, and from what they are made:
-        C = d zeta/dT and the changes by a rotating frame; collective.
-        """
+        C = d zeta/dT and the changes by a rotating frame; collective."""
         changes = self._return_map.tangent(self.values) if damage else (None, None)
         return *self.point_tangent(self.stabilization, self.values, *changes), *changes
 
     def state(self) -> InterfaceState:
-        """Public values at the points."""
         q, history, values = self.quadrature, self.history, self.values
         count, d, inelastic = len(q.weights), q.d, self.law.inelastic
         rotation = values.rotation
@@ -370,7 +362,6 @@ class ActiveInterface:
         return InterfaceSnapshot(self.history, self.values, self.stabilization, share)
 
     def return_to(self, snapshot: InterfaceSnapshot) -> None:
-        """Return to a state."""
         self.history, self.values = snapshot.history, snapshot.values
         if snapshot.gradient is not None:
             self._resumed = snapshot.gradient

@@ -90,9 +90,8 @@ from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from .. import compat
-from ..base.arrays import joined_axes
+from ..base.arrays import joined_axes, power_of_two
 from ..base.kernels import compile_expression
-from ..base.units import power_of_two
 from ..domain.materials import Bodies
 from ..domain.moduli import RegionExpressions, cell_moduli
 from ..domain.shapes import ShapeGradients

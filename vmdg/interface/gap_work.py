@@ -77,13 +77,11 @@ class States(NamedTuple):
 
     @classmethod
     def of(cls, update: Update) -> States:
-        """States at the end of a return map."""
         V = update.overstress
         known = update.traction, update.gap, update.softening, update.mode
         return cls(*known, np.zeros_like(update.traction) if V is None else V)
 
     def at(self, *rows: NDArray | slice) -> States:
-        """Some of them."""
         return States(*(array[rows] for array in self))
 
 
@@ -123,7 +121,6 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
     whole = last.traction + r[:, None] * (last.gap - first.gap) - first.traction
 
     def mapped(rows: NDArray, load: Array, start: States, time: float | Array) -> Update:
-        """Return maps of some points."""
         known = load, load, load, N[rows], r[rows], start.gap, start.softening
         return map_back(law.at(rows), load, Trial(*known), time, keep=False)
 
@@ -133,7 +130,6 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
         return States.of(mapped(rows, load, first.at(rows), share * dt if rated else dt))
 
     def way(rows: NDArray, ends: tuple[States, States], low: Array, part: float) -> States:
-        """States of points at the ends of all parts of a part of the step."""
         shares = low + part * np.arange(1, PARTS)[:, None] / PARTS
         new = at(np.tile(rows, PARTS - 1), shares.ravel())
         parts = zip(ends[0], new, ends[1], strict=True)

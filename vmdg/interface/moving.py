@@ -134,7 +134,6 @@ class SurfaceStabilizer(Stabilizer):
         return derived.with_norm(np.maximum(factor, floor)) if self.automatic else derived
 
     def suffices(self, applied: Stabilization, derived: Stabilization, factor: Array) -> bool:
-        """As in the base class, for the facets of the surfaces."""
         assert isinstance(applied, PairStabilization)
         return super().suffices(applied.surfaces, derived, factor)
 
@@ -274,7 +273,6 @@ class MovingInterface(ActiveInterface):
         ).ravel()
 
     def couple(self) -> bool:
-        """See the base class."""
         resumed = self._resumed_near is not None
         self._near, self._resumed_near = self.near, None
         if np.isin(self._labels, self._numbers(self._near)).all():
@@ -296,7 +294,6 @@ class MovingInterface(ActiveInterface):
         return rows[:, 0] * len(self.facets.surfaces.sides[1].facets) + rows[:, 1]
 
     def pair(self, release: bool = False) -> None:
-        """See the base class."""
         bonded, kept = self._bonded, self.quadrature.kept
         if release:
             bonded = np.zeros_like(bonded)
@@ -315,7 +312,6 @@ class MovingInterface(ActiveInterface):
         super().slow_down(*self._slowed)
 
     def _take(self, facets: PairedFacets) -> None:
-        """Take pairs in the configuration of the current displacement."""
         full = self.quadrature.take(facets, self._u)
         self.facets, self._paired = facets, self._u.x.array.copy()
         self.law = facets.law.at(self.quadrature.facet)
@@ -422,7 +418,6 @@ class MovingInterface(ActiveInterface):
     def tangent(
         self, damage: bool = True
     ) -> tuple[Array, Array, Array | None, TurningTangent | None]:
-        """As in the base class, with the change of the partners, see :mod:`.partners`."""
         D, traction, C, turning = super().tangent(damage)
         self._add_partners(D, traction, C)
         return D, traction, C, turning
@@ -449,12 +444,10 @@ class MovingInterface(ActiveInterface):
         return self.facets.surfaces.passed(self.facets.segments, self._u, start)
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
-        """As in the base class, also of points that are paired later in the step."""
         self._slowed = overstress, cycles
         super().slow_down(overstress, cycles)
 
     def apply(self, stabilization: Stabilization) -> float:
-        """As in the base class, for the stabilization of the facets of the surfaces."""
         assert isinstance(stabilization, SurfaceStabilization)
         return super().apply(self.stabilizer.of_pairs(stabilization, self.facets))
 

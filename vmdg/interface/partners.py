@@ -76,7 +76,6 @@ class PartnerTangent:
             D: From :class:`.PointTangent` (nq, jet, jet).
             traction: Tt dA from there (nq, d, jet).
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
-            frame: R and W of the frame of the law.
             T: Traction (nq, d) [MPa].
             terms: q of (27) (nq, jet).
             flux: P_2.N_2 dS_2/dS_1 (nq, d) [MPa].

@@ -148,7 +148,6 @@ class PointFlux:
         return FluxChange(self, L)
 
     def all_pieces(self, trial: Field) -> Iterator[_Piece]:
-        """:meth:`pieces` of all facets, in batches."""
         count = max(_MOST // (2 * (self.active.point_tangent.jets.nodes * self.d) ** 2), 1)
         for start in range(0, len(self.active.facets.facets), count):
             yield from self.pieces(slice(start, start + count), trial)

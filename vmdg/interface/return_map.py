@@ -82,7 +82,6 @@ class ReturnMap:
         self._flux = quadrature.flux_evaluators(u, bodies, self.turns, fluid)
 
     def start(self) -> PointValues:
-        """The values for undeformed bodies."""
         d, count = self._d, len(self._quadrature.weights)
         zero, tensor = np.zeros((count, d)), np.zeros((count, d, d))
         values = PointValues(zero, zero, None, zero)
@@ -231,12 +230,7 @@ def map_back(law: Law, load: Array, trial: Trial, dt: float, keep: bool = True) 
 
 
 def _check_answer(law: Law, load: Array, update: Update) -> None:
-    """Check what a law returns for T_tr (n, d).
-
-    Raises:
-        ValueError: arrays of the wrong shape, or a history that is not finite where the
-            traction is.
-    """
+    """Check what a law returns for T_tr (n, d)."""
     n, d = load.shape
     name, shapes = type(law).__name__, {"traction": (n, d), "gap": (n, d), "softening": (n,)}
     shapes |= {"multiplier": (n,), "tangent": (n, d, d), "mode": (n,)}
@@ -297,5 +291,4 @@ def _couple(gap: Array, traction: Array) -> Array:
 
 
 def apply(tensor: Array, vector: Array) -> Array:
-    """Row-wise tensor.vector."""
     return np.einsum("pij,pj->pi", tensor, vector)

@@ -29,8 +29,7 @@ class Sliding(NamedTuple):
 
 def sliding(active: ActiveInterface) -> Sliding:
     """The point in contact on this rank with the largest slip relative to its facet, if it keeps
-    its partner.
-    """
+    its partner."""
     q, history = active.quadrature, active.history
     if not active.law.inelastic or not len(q.weights) or active.facets.slides:
         return Sliding(0.0)

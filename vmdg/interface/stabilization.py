@@ -61,7 +61,6 @@ class Stabilization:
 
     @classmethod
     def empty(cls, d: int) -> Stabilization:
-        """Stabilization of an interface with no open facet."""
         tensors, pairs, numbers = np.zeros((0, d, d)), np.zeros((0, 2, d, d)), np.zeros(0)
         return cls(tensors, pairs, pairs, tensors, tensors, numbers, numbers)
 
@@ -178,11 +177,7 @@ class Stabilizer:
         self._context = StabilizationContext(u, facets.cells, facets.local, facets.facets, N, area)
 
     def derive(self) -> Stabilization:
-        """tau_s and delta at the current displacement, with ``safety="auto"`` before scaling.
-
-        Raises:
-            ValueError: the user's function returns arrays of the wrong shape.
-        """
+        """tau_s and delta at the current displacement, with ``safety="auto"`` before scaling."""
         number, d = len(self.facets.facets), self._quadrature.d
         inverse = np.linalg.inv(self._stiffness())[self._side].reshape(2, number, d, d)
         both = self._factor[:, :, None, None] * inverse
@@ -262,11 +257,7 @@ class Stabilizer:
 
     def check_softening(self, stabilization: Stabilization) -> None:
         """Refuse a penalty at which the bond would soften faster than the bodies unload;
-        collective.
-
-        Raises:
-            ValueError: r <= H on a facet: the softening is too steep for the mesh.
-        """
+        collective."""
         comm = self._quadrature.mesh.comm
         r, law = stabilization.norm, self.facets.law
         H = np.broadcast_to(law.softening_modulus, r.shape)

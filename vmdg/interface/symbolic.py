@@ -107,7 +107,6 @@ class SymbolicInterface:
         return fem.functionspace(mesh, element)
 
     def _points_of_dofs(self) -> NDArray[np.int32]:
-        """The point of the interface at every dof of the mesh of the facets."""
         quadrature, mesh = self.active.quadrature, self.submesh.mesh
         count = mesh.topology.index_map(mesh.topology.dim).size_local
         facets = np.searchsorted(self.active.facets.facets, self.submesh.facets[:count])

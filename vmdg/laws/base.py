@@ -132,7 +132,6 @@ class Law(ABC):
         """
 
     def __str__(self) -> str:
-        """As its repr, with functions and arrays abbreviated."""
         if not is_dataclass(self):
             return repr(self)
         values = ((field.name, getattr(self, field.name)) for field in fields(self) if field.repr)
@@ -427,10 +426,6 @@ def check_parameters(law: Law) -> None:
 
     Integers become floats, arrays are copied and made read-only, functions are accepted as they
     are.
-
-    Raises:
-        TypeError: it is neither a number, nor, where it may vary, an array (n,) or a function.
-        ValueError: it is out of range.
     """
     for name in parameter_names(law):
         value = getattr(law, name)
@@ -487,12 +482,10 @@ def _check_parameter(law: Law, name: str, value: Any) -> None:
 
 
 def is_number(value: Any, number: float) -> bool:
-    """Whether a parameter is constant and equal to this number."""
     return isinstance(value, Real) and value == number
 
 
 def parameter_names(law: Law) -> list[str]:
-    """Names of the fields of a law."""
     return [field.name for field in fields(cast(Any, law))]
 
 

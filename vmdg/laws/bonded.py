@@ -29,5 +29,4 @@ class Bonded(Law):
         penalty: Array,
         eta: float | Array,
     ) -> Update:
-        """Every point is elastic."""
         return Update.elastic(trial, gap, softening)

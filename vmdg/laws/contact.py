@@ -78,7 +78,6 @@ class Contact(RadialLaw):
         return self.coefficient(softening) / most
 
     def _softened(self, at: Points, left: Array, lost: Array) -> Array:
-        """The slip path."""
         return at.softening + lost if self.weakens else super()._softened(at, left, lost)
 
     def _slide(self, at: Points, left: Array, pressure: Array) -> Slide:

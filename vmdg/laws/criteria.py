@@ -92,11 +92,6 @@ CRITERIA: dict[str, Callable[[float, float], Criterion]] = {
 
 
 def criterion_of(name: str, exponent: float | None, shear_ratio: float) -> Criterion:
-    """The criterion of this name.
-
-    Raises:
-        ValueError: the name is unknown, or the exponent is missing or out of range.
-    """
     if name not in CRITERIA:
         raise ValueError(f"criterion = {name!r}: must be one of {tuple(CRITERIA)}")
     if name == "linear":

@@ -277,7 +277,6 @@ class _Points:
         self.law, self.at, self.cycles = law, at, cycles
 
     def of(self, mask: NDArray[np.bool_]) -> Self:
-        """Some of the points."""
         return type(self)(self.law.at(mask), secant.some_of(self.at, mask), self.cycles[mask])
 
     def root(self, start: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -408,7 +407,6 @@ class _Open(_Points):
         return Worn(value, slope, by_load, ratio, cos, sin)
 
     def write(self, update: Update, g: Array, held: NDArray[np.bool_]) -> None:
-        """Write the step that ends at a g into rows of `update`."""
         law, at, rows = self.law, self.at, self.at.rows
         n, s = self._curves
         u, cos, sin, (e_n, e_t) = self._direction(g)
@@ -474,7 +472,6 @@ class _Pressed(_Points):
         return Beginning(ratio, self._wear.endurance, rate)
 
     def _ratio(self, g: Array) -> tuple[Array, Array]:
-        """lambda and its derivative by g at a given load."""
         curve, r = self._curve, self.at.penalty
         rubbing = secant.rub(curve, self._sheared, g)
         w, change = secant.borne(curve, self._sheared, g)
@@ -507,7 +504,6 @@ class _Pressed(_Points):
         return Worn(value, slope, (zero, zero), ratio, zero, one)
 
     def write(self, update: Update, g: Array, held: NDArray[np.bool_]) -> None:
-        """Write the step that ends at a g into rows of `update`."""
         law, at, rows, curve = self.law, self.at, self.at.rows, self._curve
         worn = self.worn(g, held)
         rubbing = secant.rub(curve, self._sheared, g)

@@ -108,7 +108,6 @@ class Scaled:
         return self.area(g) - 0.5 * self.at(g)[0] * g
 
     def parted(self, g: Array) -> Array:
-        """Area minus the rectangle s g."""
         return self.area(g) - self.at(g)[0] * g
 
     def stiffness(self, g: Array) -> Array:
@@ -131,7 +130,6 @@ class Start(NamedTuple):
 def advance(
     law: RigidLaw, trial: Array, normal: Array, gap: Array, softening: Array, penalty: Array
 ) -> Update:
-    """The return map of `Law` with unloading to the origin."""
     update = Update.elastic(trial, gap, softening)
     load = trial + penalty[:, None] * gap
     damage = np.minimum(softening / law.strength, 1.0)
@@ -145,7 +143,6 @@ def advance(
 
 
 def some_of(points: Points, rows: NDArray) -> Points:
-    """Some of the points."""
     return type(points)(*(array[rows] for array in points))
 
 

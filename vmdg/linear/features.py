@@ -10,13 +10,7 @@ from .ksp import Choice, Petsc, is_iterative, linear_options
 
 
 class Switch(NamedTuple):
-    """One feature of a run.
-
-    Attributes:
-        name: Name of the feature.
-        on: Whether the run uses it.
-        reason: Why, or its replacement.
-    """
+    """One feature of a run."""
 
     name: str
     on: bool
@@ -30,8 +24,8 @@ def switchboard(problem: Problem, options: Choice | None = None) -> list[Switch]
         problem: The problem, with its interfaces and open facets.
         options: As :class:`vmdg.SolveOptions`; None for the default.
     """
-    parts = problem.discretization
-    interfaces = parts.active.values()
+    discretization = problem.discretization
+    interfaces = discretization.active.values()
     tied = sum(not active.law.inelastic for active in interfaces)
     failing = (
         problem.discretization.can_fail,
@@ -39,7 +33,7 @@ def switchboard(problem: Problem, options: Choice | None = None) -> list[Switch]
     )
     rubbing = any(not is_number(active.law.friction, 0.0) for active in interfaces)
     turning = any(active.turns for active in interfaces)
-    small, constant = problem.discretization.bodies.small, parts.constant_stabilization
+    small, constant = problem.discretization.bodies.small, discretization.constant_stabilization
     petsc = options.petsc if options else None
     linear = linear_options(problem, petsc)
     solver = _name(linear.solver) if linear.automatic else "options.petsc"

@@ -253,7 +253,6 @@ class LinearSolver:
         self.renew()
 
     def renew(self) -> None:
-        """Rebuild the preconditioner in the next solve."""
         self._excess = math.inf
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, rtol: float) -> None:
@@ -319,7 +318,6 @@ class LinearSolver:
         refuse_memory(self._krylov.getPC())
 
     def _in(self, kind: PETSc.Mat.Type) -> PETSc.Mat:
-        """The tangent as AIJ or BAIJ."""
         if self._matrix.type in ("seq" + kind, "mpi" + kind):
             return self._matrix
         if self._copy is None:
@@ -397,11 +395,7 @@ def reset_failed(pc: PETSc.PC) -> None:
 
 
 def refuse_memory(pc: PETSc.PC) -> None:
-    """Check for a lack of memory after a factorization; collective.
-
-    Raises:
-        MemoryError: the memory was insufficient.
-    """
+    """Check for a lack of memory after a factorization; collective."""
     reasons, failed, told = PETSc.PC.FailedReason, pc.getFailedReason(), ""
     if failed == reasons.NOERROR:
         return
@@ -420,7 +414,6 @@ def refuse_memory(pc: PETSc.PC) -> None:
 
 
 def make_ksp(matrix: PETSc.Mat, options: Petsc) -> PETSc.KSP:
-    """Create a KSP with its own options."""
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setOperators(matrix)
     set_options(ksp, options)
@@ -457,11 +450,7 @@ _TYPES = {
 
 @contextmanager
 def refused_in_words(options: Petsc) -> Iterator[None]:
-    """Convert an error of PETSc about an option into one that names it and similar names.
-
-    Raises:
-        ValueError: PETSc has no such type, or the option no such value.
-    """
+    """Convert an error of PETSc about an option into one that names it and similar names."""
     try:
         yield
     except PETSc.Error as error:

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assembly.means import lattice_of
+from ..base.arrays import power_of_two
 from ..base.parallel import global_any, global_norm, global_sum
-from ..base.units import power_of_two
+from ..output.cell import PeriodicCell
 from ..problem.problem import Problem
 from .ksp import (
+    Choice,
     LinearSolver,
     Petsc,
     linear_options,
@@ -77,14 +79,15 @@ class System:
         self._found: list[Array] = []
 
     def _make_matrix(self) -> None:
-        """The matrix with the present pattern, and its solver."""
-        parts, options = self._discretization, self._options
-        self._pattern = parts.couple()
-        self._matrix = matrix = parts.create_matrix(matrix_kind(options.solver))
+        discretization, options = self._discretization, self._options
+        self._pattern = discretization.couple()
+        self._matrix = matrix = discretization.create_matrix(matrix_kind(options.solver))
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._linear = LinearSolver(matrix, options.solver, options.fallback)
         if self._linear.multigrid:
-            set_rigid_modes(parts.space, parts.geometry, matrix, parts.means)
+            set_rigid_modes(
+                discretization.space, discretization.geometry, matrix, discretization.means
+            )
 
     def _renew_matrix(self) -> None:
         """Make matrix and solver again where surfaces that slide have other pairs."""
@@ -101,7 +104,6 @@ class System:
             self._tangent = None
 
     def _release_means(self, prescribed: NDArray[np.int32]) -> None:
-        """Add the means that are not prescribed to the motions of rigid faces."""
         free = np.setdiff1d(self._means.owned_dofs, prescribed)
         motions = self._means.unit_vectors(self._comm.bcast(free))
         self._faces = np.concatenate([self._faces, free])
@@ -109,7 +111,6 @@ class System:
 
     @property
     def iterations(self) -> int:
-        """Krylov iterations so far."""
         return self._linear.iterations
 
     @property
@@ -182,7 +183,6 @@ class System:
         return converged
 
     def _balance(self, forces: Array) -> Array:
-        """Forces without reactions."""
         return self._loading.balance(forces.copy())
 
     def _assemble(self) -> None:
@@ -222,10 +222,10 @@ class System:
         unknowns of all coarse matrices. Around a crack tip a body stays connected.
         """
         self._discretization.assemble_tangent(self._matrix, failing=False)
-        self._hold()
+        self._prescribe()
         self._linear.coarsen()
 
-    def _hold(self) -> None:
+    def _prescribe(self) -> None:
         """Scale the matrix and replace the rows of prescribed dofs by those of the identity.
 
         It is divided by a power of two near its norm, so that PETSc's absolute tolerances and the
@@ -239,10 +239,9 @@ class System:
     def _solve_held(
         self, forces: Sequence[Array], moved: Sequence[Array], rtol: float
     ) -> list[Array]:
-        """As :meth:`solve`, with rigid faces prescribed."""
         right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
         if not self.lags:
-            self._hold()
+            self._prescribe()
         # The response to a load changes little from one correction to the next.
         found, last = [], [None, *self._last[1:]] + [None] * len(right)
         for f, du, guess in zip(right, moved, last, strict=False):
@@ -327,7 +326,6 @@ class System:
         return list(at_rest + q.T @ moving)
 
     def _lift(self, moved: Array) -> Array | float:
-        """Forces of the prescribed displacements."""
         du = np.zeros_like(moved)
         du[self._prescribed] = moved[self._prescribed]
         return self.product(du) if global_any(self._comm, du.any()) else 0.0
@@ -350,3 +348,32 @@ class System:
         self._free_matrix()
         for item in (self._x, self._b):
             item.destroy()
+
+
+def macroscopic_tangent(problem: Problem, options: Choice | None = None) -> NDArray[np.float64]:
+    """dP_ij/dF_kl of the mean stress by the mean deformation gradient; collective [MPa].
+
+    At small strain d sigma_ij/dE_kl. The tangent of the last step, consistent with its return maps,
+    for all components of F_bar, whichever are prescribed: the fluctuation is eliminated by one
+    factorization and one solve per component.
+
+    Args:
+        problem: A periodic cell at the end of a step, for example in a monitor.
+        options: As :class:`vmdg.SolveOptions`, for their ``petsc``; None for the default.
+
+    Returns:
+        (n, n, n, n), n = 3 in generalized plane strain, else d.
+
+    Raises:
+        ValueError: the problem is not a periodic cell.
+    """
+    cell, discretization = PeriodicCell(problem), problem.discretization
+    discretization.update_means()
+    means = discretization.means
+    system = System(problem, options.petsc if options else None)
+    stiffness = system.condensed(means.unit_vectors(problem.comm.bcast(means.dofs)))
+    system.free()
+    result = np.zeros(4 * cell.gradient.shape[:1])
+    i, j = np.transpose(means.entries)
+    result[i[:, None], j[:, None], i, j] = stiffness * means.length**2 / cell.volume
+    return result

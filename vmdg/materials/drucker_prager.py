@@ -99,7 +99,6 @@ class DruckerPrager(Plastic):
         return self._cohesion + self._hardening * alpha
 
     def _return(self, trial: Array, state: Array, dt: float) -> Returned:
-        """Return to the cone, or past its end to the apex."""
         G, K, H = self._G, self._K, self._hardening
         eta, xi, etab = self.eta, self.xi, self.dilation
         alpha = state[:, 0]

@@ -220,15 +220,13 @@ class J2(Plastic):
 
     def _faded(self, increment: Array) -> tuple[Array, Array]:
         """w = exp(-recovery dalpha) and (1 - w)/recovery: a = w a + (1 - w)/recovery N, exactly
-        where N = d eps_p/dalpha stays.
-        """
+        where N = d eps_p/dalpha stays."""
         if self._recovery == 0:
             return np.ones_like(increment), increment
         x = -self._recovery * increment
         return np.exp(x), -np.expm1(x) / self._recovery
 
     def _faded_work(self, past: Array, N: Array, increment: Array, grown: Array) -> Array:
-        """The integral of a:a over alpha, of the a of :meth:`_faded`."""
         R = self._recovery
         first = grown - R * grown**2 / 2
         last = np.maximum(increment - grown - R * grown**2 / 2, 0.0) / R**2
@@ -236,12 +234,7 @@ class J2(Plastic):
 
 
 def _curve(given: Sequence[tuple[float, float]] | Callable[[Array], Array]) -> Curve:
-    """sigma_y, its slope and its integral by alpha, of a table or a function.
-
-    Raises:
-        ValueError: it is neither, a table does not start at alpha = 0 or its alpha does not
-            increase, or the yield stress is not finite or decreases.
-    """
+    """sigma_y, its slope and its integral by alpha, of a table or a function."""
     if callable(given):
         values = np.asarray(given(_SAMPLES), dtype=float)
         if values.shape != _SAMPLES.shape or not (np.diff(values) >= 0).all():

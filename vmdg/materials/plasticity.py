@@ -52,7 +52,6 @@ def vector(components: Array) -> Array:
 
 
 def components(vectors: Array) -> Array:
-    """The six components of the tensors of :func:`vector`."""
     return vectors / _SCALE
 
 
@@ -128,7 +127,6 @@ class Plastic(PointMaterial):
         """The return from a trial strain (n, 6) or (n, 3).
 
         Args:
-            trial: Elastic trial strain.
             state: History at the start of the step (n, m); at finite strain only what is no tensor
                 has a meaning for the return.
             dt: Time step [s].
@@ -138,7 +136,6 @@ class Plastic(PointMaterial):
     def __call__(
         self, deformation: Array, state: Array, dt: float = math.inf, small: bool = False
     ) -> Response:
-        """The return map of the step, see :class:`.PointMaterial`."""
         return (self._small if small else self._finite)(deformation, state, dt)
 
     def _small(self, strain: Array, state: Array, dt: float) -> Response:
@@ -216,12 +213,6 @@ def _log_slopes(x: Array) -> Array:
 
 
 def check_numbers(owner: str, numbers: Mapping[str, object], positive: tuple[str, ...]) -> None:
-    """That parameters are numbers in range.
-
-    Raises:
-        TypeError: one is no number.
-        ValueError: one is negative, infinite, or zero and ``positive``.
-    """
     for name, value in numbers.items():
         if not isinstance(value, Real):
             raise TypeError(f"{owner}: {name} = {value!r} must be a number")

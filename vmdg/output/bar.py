@@ -31,9 +31,6 @@ def shown(history: History, wanted: Sequence[str] | str | None) -> list[str]:
     Args:
         wanted: Their names, or one name; None for the first ones called force or reaction, possibly
             with suffixes as in "force_x".
-
-    Raises:
-        ValueError: a wanted column does not exist.
     """
     row = history.rows[-1]
     if wanted is None:

@@ -1,4 +1,4 @@
-"""Means of a periodic cell, and its whole displacement."""
+"""Means of a periodic cell, its whole displacement, and strain and force along z."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ..assembly.dirichlet import AXES
 from ..assembly.means import MeanSpace, lattice_of
 from ..base.parallel import global_sum
 from ..domain.lattice import Lattice
+from ..forms.geometry import GeneralizedPlane
 from ..points.interface import interface_names
 from ..problem.problem import Problem
 from .values import traction_integrals
@@ -142,3 +143,39 @@ class PeriodicCell:
             row[f"traction_{name} [MPa]"] = float(normal / area) if area > 0 else 0.0
             row[f"shear_{name} [MPa]"] = float(shear / area) if area > 0 else 0.0
         return row | {"hill_mandel [-]": self.hill_mandel()}
+
+
+class AxialMotion:
+    """Current strain and force along z of a body in generalized plane strain.
+
+    Args:
+        problem: See :class:`vmdg.GeneralizedStrain`.
+
+    Raises:
+        ValueError: the problem is not in generalized plane strain.
+    """
+
+    def __init__(self, problem: Problem):
+        if not isinstance(problem.discretization.geometry, GeneralizedPlane):
+            raise ValueError(
+                "AxialMotion: F_33 is an unknown in generalized plane strain only; give "
+                'Problem(..., plane="generalized strain")'
+            )
+        self._problem = problem
+
+    @property
+    def strain(self) -> float:
+        """F_33 - 1."""
+        now = self._problem.discretization
+        assert now.means is not None
+        return float(now.means.gradient(now.u.x.array)[2, 2])
+
+    @property
+    def force(self) -> float:
+        """Force on the section, int P_33 dA, or on the cell if periodic; collective [N]."""
+        thickness = float(self._problem.discretization.geometry.thickness)
+        return float(forces_on_means(self._problem)[2, 2]) / thickness
+
+    def row(self) -> dict[str, float]:
+        """Values for a row of the history; collective."""
+        return {"axial_strain [-]": self.strain, "axial_force [N]": self.force}

@@ -29,7 +29,6 @@ def corners_of_local(mesh: Mesh, local: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _around(entities: list[list[int]]) -> NDArray[np.int32]:
-    """Corners of reference entities, for quadrilaterals in order around them."""
     corners = np.array(entities, dtype=np.int32)
     return corners[:, [0, 1, 3, 2]] if corners.shape[1] == 4 else corners
 

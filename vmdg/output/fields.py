@@ -44,7 +44,6 @@ def discontinuous(problem: Problem) -> fem.Function:
 
 
 def copy_displacement(problem: Problem, function: fem.Function) -> None:
-    """Set a function of :func:`discontinuous` to the current displacement."""
     u, d = whole_displacement(problem), problem.mesh.geometry.dim
     mine, theirs = function.function_space.dofmap.list, u.function_space.dofmap.list
     function.x.array.reshape(-1, d)[mine] = u.x.array.reshape(-1, d)[theirs]
@@ -77,7 +76,6 @@ class InterfaceFields:
         }
 
     def update(self) -> None:
-        """Set the fields to the current state."""
         active = self._problem.discretization.active.get(self._i)
         for name, function in self.functions.items():
             if name == DISPLACEMENT:
@@ -190,7 +188,6 @@ class FieldWriter:
         self._do(lambda: self._writers.extend(map(_writer, self._files, written)))
 
     def _keep_earlier_files(self) -> None:
-        """Rename files of an earlier run with the first unused number."""
         if self._comm.rank > 0:
             return
         for file in filter(os.path.lexists, self._files):
@@ -224,7 +221,8 @@ class FieldWriter:
         self._do(lambda: [writer.write(t) for writer in self._writers])
 
     def _check_files(self) -> None:
-        """Raises:
+        """
+
         OSError: one was removed.
         """
         gone = [file.name for file in self._files if self._comm.rank == 0 and not file.exists()]

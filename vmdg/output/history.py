@@ -197,7 +197,6 @@ _JSON = json.JSONEncoder(default=str)
 
 
 def _lines(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[list[str]]:
-    """Rows as lines of a CSV file with these columns."""
     for row in rows:
         yield [_text(row[name]) if name in row else "" for name in columns]
 
@@ -233,11 +232,6 @@ class HistoryFile:
     Args:
         comm: Communicator; its rank 0 writes.
         path: The file; None for no file.
-        history: The history.
-
-    Raises:
-        OSError: the file is not writable, or another run writes it; on all ranks.
-        TypeError: the path is not a path.
     """
 
     def __init__(self, comm: MPI.Comm, path: str | Path | None, history: History):
@@ -259,11 +253,7 @@ class HistoryFile:
             raise
 
     def update(self) -> None:
-        """Append the rows added since the last call; collective.
-
-        Raises:
-            OSError: they cannot be written; on all ranks.
-        """
+        """Append the rows added since the last call; collective."""
         self._do(self._extend)
 
     def _do(self, action: Callable[[], None]) -> None:
@@ -287,7 +277,6 @@ class HistoryFile:
         self._replace()
 
     def _continues(self, path: Path) -> bool:
-        """Whether a file is empty, or begins with all rows of the history."""
         if not path.stat().st_size:
             return True
         try:
@@ -299,7 +288,8 @@ class HistoryFile:
         return bool(rows) and lines[: len(rows)] == rows
 
     def _check_place(self) -> None:
-        """Raises:
+        """
+
         OSError: the file has been removed or replaced.
         """
         assert self._path is not None and self._file is not None
@@ -338,7 +328,6 @@ class HistoryFile:
         self._units = dict(self._history.units)
 
     def close(self) -> None:
-        """Close the file and release it for other runs."""
         self._close_file()
         if self._claim is not None:
             self._claim.release()

@@ -40,9 +40,6 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
             zeta and of T [mm, MPa]; "damage": Q relative to the strength, 1 where there is no bond
             [-]; "mode": of the return map, :class:`vmdg.Mode`; "fine_scale": size of the fine
             scales (24) of both sides, (|du_1|^2 + |du_2|^2)^1/2 [mm].
-
-    Raises:
-        ValueError: no such scalar.
     """
     if name not in LABELS:
         raise ValueError(f"{name!r} is not a scalar of an interface; use one of {tuple(LABELS)}")
@@ -63,9 +60,6 @@ def values_at_points(problem: Problem, interface: Which, quantity: Quantity) -> 
 
     Args:
         quantity: A name as for :func:`scalar`, or a function of a state with one value per point.
-
-    Raises:
-        ValueError: no such scalar or interface, or a function that returns something else.
     """
 
     def evaluated() -> NDArray[np.float64]:

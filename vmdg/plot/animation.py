@@ -186,7 +186,6 @@ class GifWriter(AbstractMovieWriter):
     colours = "viridis"
 
     def setup(self, fig: Figure, outfile: str | Path, dpi: float | None = None) -> None:
-        """Start an animation of a figure."""
         super().setup(fig, outfile, dpi)
         self._pictures: list[Image.Image] = []
         stresses = colormaps[self.colours](np.linspace(0, 1, 212))[:, :3]
@@ -197,14 +196,12 @@ class GifWriter(AbstractMovieWriter):
         self._palette.putpalette(colours.round().astype(np.uint8).tobytes())
 
     def grab_frame(self, **savefig_kwargs: object) -> None:
-        """Add the current figure as a frame."""
         buffer = BytesIO()
         self.fig.savefig(buffer, format="rgba", dpi=self.dpi, **savefig_kwargs)
         picture = Image.frombytes("RGBA", self.frame_size, buffer.getvalue()).convert("RGB")
         self._pictures.append(picture.quantize(palette=self._palette, dither=Image.Dither.NONE))
 
     def finish(self) -> None:
-        """Write the file."""
         first, *rest = self._pictures
         duration = round(1000 / self.fps)
         first.save(self.outfile, save_all=True, append_images=rest, duration=duration, loop=0)

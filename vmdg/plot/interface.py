@@ -229,7 +229,6 @@ def _extended(corners: NDArray, axis: str | None) -> str:
 
 
 def _plane(normals: NDArray) -> bool:
-    """Whether all normals are parallel, so that there is no axis."""
     return len(normals) > 0 and bool((np.abs(normals @ normals[0]) > 1 - STRAIGHT).all())
 
 

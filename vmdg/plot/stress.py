@@ -183,7 +183,6 @@ def _sides(ax: Axes) -> NDArray[np.float64]:
 
 
 def axis_names(problem: Problem) -> str:
-    """x, y and z; r, z and t (for theta) in axisymmetry."""
     return "rzt" if isinstance(problem.discretization.geometry, Axisymmetric) else "xyz"
 
 
@@ -315,7 +314,6 @@ def deformed_corners(
 
 
 def boundary_facets(problem: Problem) -> NDArray[np.int32]:
-    """Local facets on the boundary."""
     topology = problem.mesh.topology
     topology.create_connectivity(topology.dim - 1, topology.dim)
     return exterior_facet_indices(topology)

@@ -83,7 +83,6 @@ class InterfaceFacets:
 
     @property
     def slides(self) -> bool:
-        """Whether these change with the displacement."""
         return False
 
     @property
@@ -116,11 +115,6 @@ class InterfaceFacets:
 
 
 def check_ghosts(mesh: Mesh) -> None:
-    """Refuse a distributed mesh without facet ghosts.
-
-    Raises:
-        RuntimeError: the mesh was made without facet ghosts on more than one rank.
-    """
     if mesh.comm.size == 1:
         return
     tdim = mesh.topology.dim
@@ -151,11 +145,6 @@ def find_facets(
 
     Args:
         label: Name of the interface in messages; None for its name or place.
-
-    Raises:
-        ValueError: a facet is not interior, a tag is unknown, nothing is selected, some facets lie
-            on a rigid wall and others do not, or the initial damage or a parameter of the law is
-            missing or out of range on a facet.
     """
     comm, label = mesh.comm, label or str(interface)
     fdim = mesh.topology.dim - 1
@@ -211,23 +200,14 @@ def facet_properties(
     label: str,
 ) -> tuple[NDArray[np.float64], Law, str, bool]:
     """Initial damage, law, label, and whether one side is a rigid wall, as in
-    :class:`InterfaceFacets`; collective.
-
-    Raises:
-        ValueError: some facets lie on a rigid wall and others do not, or the initial damage or a
-            parameter of the law is missing or out of range on a facet.
-    """
+    :class:`InterfaceFacets`; collective."""
     damage = _initial_damage(mesh, interface, facets, cells, label)
     law = _law_on(mesh, interface, facets, cells, label)
     return damage, law, label, _on_walls(mesh, tags, walls, label)
 
 
 def _on_walls(mesh: Mesh, tags: NDArray[np.int32], walls: Collection[int], label: str) -> bool:
-    """Whether the facets, with cell tags (nf, 2), lie on rigid walls; collective.
-
-    Raises:
-        ValueError: some do and others do not, or on both sides.
-    """
+    """Whether the facets, with cell tags (nf, 2), lie on rigid walls; collective."""
     sides = np.isin(tags, list(walls)).sum(axis=1)
     counts = [int(global_sum(mesh.comm, (sides == k).sum())) for k in range(3)]
     if counts[2]:
@@ -251,9 +231,6 @@ def _between_groups(
     Args:
         tags: Tags of the two cells of every local facet (nf, 2), UNTAGGED on the boundary of the
             mesh.
-
-    Raises:
-        ValueError: the function does not return one truth value per pair; on all ranks.
     """
     chosen = (tags[:, 0] != tags[:, 1]) & (tags != UNTAGGED).all(axis=1)
     if between == ALL:
@@ -315,11 +292,7 @@ def _initial_damage(
     cells: NDArray[np.int32],
     label: str,
 ) -> NDArray[np.float64]:
-    """Initial damage of the bond on owned facets (nf,); collective.
-
-    Raises:
-        ValueError: there is not one number from 0 to 1 per facet.
-    """
+    """Initial damage of the bond on owned facets (nf,); collective."""
     if interface.initial_damage is None:
         return np.zeros(len(facets))
     given, what = interface.initial_damage, f"{label}: initial_damage"
@@ -342,11 +315,7 @@ def _law_on(
     cells: NDArray[np.int32],
     label: str,
 ) -> Law:
-    """The law on owned facets; collective.
-
-    Raises:
-        ValueError: a parameter is missing or out of range on a facet.
-    """
+    """The law on owned facets; collective."""
     law = interface.law
     values = {
         name: facet_values(mesh, interface, given, facets, cells, f"{label}: {name} of the law")
@@ -401,9 +370,6 @@ def facet_values(
         facets: Owned facets (nf,).
         cells: Their cells (nf, 2).
         what: Its name and that of the interface, for messages.
-
-    Raises:
-        ValueError: there is not one finite number per facet.
     """
     fdim = mesh.topology.dim - 1
     if isinstance(given, Weibull):

@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.words import near_keywords
 from ..domain.tags import Group
 from ..domain.topology import LevelSet, Locator
 from ..laws import Law
@@ -53,7 +52,6 @@ class StabilizationContext:
     area: NDArray[np.float64]
 
 
-@near_keywords(tags="between", groups="between", tag="within", group="within", material="law")
 class Interface:
     """A set of interior facets across which the displacement may jump, with its law.
 
@@ -265,7 +263,6 @@ class Interface:
         return " <side 1: the lower tag>"
 
     def __str__(self) -> str:
-        """For messages: its name or location."""
         return f"Interface({self.place})" if self.name is None else f"interface {self.name!r}"
 
     def __repr__(self) -> str:
@@ -282,7 +279,8 @@ def _check_sliding(
     frame: str,
     safety: float | str,
 ) -> None:
-    """Raises:
+    """
+
     ValueError: an interface that slides, or has gaps, is not between two bodies, or has a law, a
         frame or gaps of another kind.
     """
@@ -326,11 +324,6 @@ def _check_sliding(
 
 
 def _two_surfaces(given: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Facets of two surfaces given by a user.
-
-    Raises:
-        TypeError: they are not two arrays of facets.
-    """
     if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != 2:
         raise TypeError(
             f"Interface: surfaces = {given!r} must be two arrays of local facets, for example "
@@ -341,11 +334,6 @@ def _two_surfaces(given: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
 
 
 def _local_indices(given: ArrayLike, what: str = "facets") -> NDArray[np.int32]:
-    """Facets given by a user.
-
-    Raises:
-        TypeError: a mask, names or tags instead.
-    """
     facets = np.asarray(given)
     if facets.ndim != 1 or (facets.size and facets.dtype.kind not in "iu"):
         raise TypeError(
@@ -357,11 +345,7 @@ def _local_indices(given: ArrayLike, what: str = "facets") -> NDArray[np.int32]:
 
 
 def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | LevelSet | None:
-    """Initial damage as a number, an array like the facets, or a function; None for none.
-
-    Raises:
-        ValueError: the law has no damage, or the damage is out of range or of another shape.
-    """
+    """Initial damage as a number, an array like the facets, or a function; None for none."""
     if given is None:
         return None
     if not law.has_bond:
@@ -385,11 +369,6 @@ def _checked_damage(given: Any, facets: Any, law: Law) -> float | NDArray | Leve
 
 
 def _check_one_a_facet(values: NDArray, facets: Any, what: str) -> None:
-    """Check an array against the given facets.
-
-    Raises:
-        ValueError: its shape differs, or no list of facets is given.
-    """
     if facets is None or callable(facets) or values.shape != np.shape(facets):
         raise ValueError(
             f"Interface: {what} has shape {values.shape}; an array must have one value for every "
@@ -407,19 +386,11 @@ def interface_names(interfaces: Iterable[Interface]) -> list[str]:
 
 
 def label_of(interfaces: Sequence[Interface], number: int) -> str:
-    """Label of an interface in messages: its name, or number and place."""
     one = interfaces[number]
     return f"interface {number} ({one.place})" if one.name is None else str(one)
 
 
 def number_of(interfaces: Sequence[Interface], which: Which) -> int:
-    """Number of one of a problem's interfaces.
-
-    Raises:
-        IndexError: there is no interface of this number.
-        ValueError: there is no interface of this name, or the problem does not have this interface.
-        TypeError: it is neither an integer nor a name nor an interface.
-    """
     names = interface_names(interfaces)
     asked = which if isinstance(which, Interface) else repr(which)
     missing = f"there is no interface {asked}; the problem has {', '.join(map(repr, names))}"

@@ -104,7 +104,6 @@ class Surface(NamedTuple):
     ends: NDArray[np.float64]
 
     def owned(self, mesh: Mesh) -> Surface:
-        """The facets that this rank owns."""
         count = mesh.topology.index_map(mesh.topology.dim - 1).size_local
         return Surface(*(array[self.facets < count] for array in self))
 
@@ -140,7 +139,6 @@ class Surfaces:
 
     @property
     def index_map(self) -> IndexMap:
-        """Of facets."""
         return self.mesh.topology.index_map(self.mesh.topology.dim - 1)
 
     @cached_property
@@ -228,8 +226,7 @@ class Surfaces:
         self, segments: Segments, u: fem.Function | None = None
     ) -> tuple[float, NDArray[np.float64] | None]:
         """The largest depth by which one body is in the other though nothing is paired nearby, and
-        the place, on this rank [mm]; collective.
-        """
+        the place, on this rank [mm]; collective."""
         flat, paired = self.flat(u), self._paired(segments)
         deepest = global_max(self.mesh.comm, -segments.away.min(initial=0.0))
         most, place = 0.0, None
@@ -306,7 +303,6 @@ class PairedFacets(InterfaceFacets):
 
     @property
     def chosen_side(self) -> int | None:
-        """See the base class."""
         return self.surfaces.first if self.surfaces.slides else None
 
     @property
@@ -315,17 +311,14 @@ class PairedFacets(InterfaceFacets):
         return tuple(self.surfaces.sides[0][:3]) if self.slides else super().first_side
 
     def rows_of(self, other: InterfaceFacets) -> NDArray[np.intp]:
-        """All: the pairs do not change."""
         return np.arange(len(self.facets))
 
     @property
     def paired(self) -> bool:
-        """Always."""
         return True
 
     @property
     def slides(self) -> bool:
-        """Whether the pairs change with the displacement."""
         return self.surfaces.moves
 
     @property
@@ -401,11 +394,6 @@ def place(
 
     Args:
         stiffness: Of cells [MPa], to choose side 1 of surfaces that slide.
-
-    Raises:
-        ValueError: as in :func:`.find_facets`; the surfaces do not lie opposite each other, a facet
-            lies inside the mesh or in both of them, or the interface has options that those between
-            meshes that do not match do not have.
     """
     label, comm = label or str(interface), mesh.comm
     fdim = mesh.topology.dim - 1
@@ -503,7 +491,8 @@ def _apart(
 
 
 def _check_options(mesh: Mesh, interface: Interface, label: str) -> None:
-    """Raises:
+    """
+
     ValueError: what an interface between meshes that do not match cannot have.
     """
     what = f"{label}: {NONMATCHING} cannot"
@@ -523,11 +512,7 @@ def _check_options(mesh: Mesh, interface: Interface, label: str) -> None:
 def _check_whole(
     mesh: Mesh, surfaces: Sequence[NDArray[np.int32]], interface: Interface, label: str
 ) -> None:
-    """Check that every rank knows all facets of both surfaces; collective.
-
-    Raises:
-        ValueError: a surface has no facet, is far from the other, or is not known as a whole.
-    """
+    """Check that every rank knows all facets of both surfaces; collective."""
     owned = mesh.topology.index_map(mesh.topology.dim - 1).size_local
     counts = global_sum(mesh.comm, [(facets < owned).sum() for facets in surfaces])
     if not counts.all():
@@ -557,7 +542,6 @@ def _check_whole(
 
 
 def _surface(mesh: Mesh, facets: NDArray[np.int32]) -> Surface:
-    """Boundary facets with their cells."""
     cells = facet_cells(mesh)[facets, 0]
     ends = np.full(len(facets), np.inf)
     return Surface(facets, cells, local_facets(mesh, cells, facets), ends)
@@ -629,7 +613,6 @@ def _bend(mesh: Mesh, surface: Surface) -> float:
 
 
 def _flat_facets(mesh: Mesh, surface: Surface, u: fem.Function | None) -> FlatFacets:
-    """The facets by their corners, moved by a displacement."""
     d, cell = mesh.topology.dim, mesh.basix_cell()
     corners = np.array(basix.topology(cell)[d - 1], dtype=np.int32)
     if corners.shape[1] == 4:
@@ -660,12 +643,7 @@ def _thickness(mesh: Mesh, cell_tags: NDArray[np.int32], side: Surface) -> float
 
 def _check_pairs(comm: MPI.Comm, pairs: PairedFacets, whole: bool) -> None:
     """Check the first pairs of two surfaces, or of the ``whole`` surfaces of two groups;
-    collective.
-
-    Raises:
-        ValueError: none are opposite each other where bodies are joined or pairs stay, or some more
-            than once; the bodies overlap where there is no pair.
-    """
+    collective."""
     surfaces, segments = pairs.surfaces, pairs.segments
     flat, label = surfaces.flat(), surfaces.label
     if surfaces.gaps:
@@ -703,7 +681,8 @@ def _check_pairs(comm: MPI.Comm, pairs: PairedFacets, whole: bool) -> None:
 
 
 def _refuse_overlap(comm: MPI.Comm, surfaces: Surfaces, segments: Segments) -> None:
-    """Raises:
+    """
+
     ValueError: bodies overlap at the start where there is no pair, or by more than the thicker one
         is thick; collective.
     """
@@ -727,11 +706,7 @@ def _check_joined(
     comm: MPI.Comm, surfaces: Surfaces, segments: Segments, area: NDArray[np.float64]
 ) -> None:
     """Check bodies that are joined across gaps, if any, and say how much of side 1, with facets of
-    this ``area``, they leave out; collective.
-
-    Raises:
-        ValueError: a facet lies opposite others more than once.
-    """
+    this ``area``, they leave out; collective."""
     flat, label = surfaces.flat(), surfaces.label
     covered = np.bincount(segments.first, segments.measures, minlength=len(area))
     twice, message = np.flatnonzero(covered > (1 + _TWICE) * area), None

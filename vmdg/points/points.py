@@ -94,7 +94,6 @@ class Points:
 
     @property
     def kept(self) -> slice:
-        """The points that stay in a step."""
         return slice(None)
 
     @property
@@ -325,7 +324,6 @@ class _PointExpressions:
         self._fields = {field: there for field, there in self._fields.items() if there in used}
 
     def _there(self, field: fem.Function) -> fem.Function:
-        """The values of a field at the points."""
         if field not in self._fields:
             self._fields[field] = fem.Function(self._quadrature.space(field.ufl_shape))
         return self._fields[field]

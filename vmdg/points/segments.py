@@ -90,7 +90,6 @@ class FlatFacets(NamedTuple):
         return cls(corners, normals * turns[:, None])
 
     def rows(self, select: NDArray) -> FlatFacets:
-        """Some of them."""
         return FlatFacets(*(array[select] for array in self))
 
     @property
@@ -147,12 +146,10 @@ class Segments(NamedTuple):
         return np.abs(_measures(self.corners))
 
     def rows(self, select: NDArray) -> Segments:
-        """Some of them."""
         return Segments(*(array[select] for array in self))
 
     @classmethod
     def joined(cls, parts: Sequence[Segments]) -> Segments:
-        """All of these, in their order."""
         return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
@@ -286,8 +283,7 @@ def inside(facets: FlatFacets, body: FlatFacets, paired: Numbers, deepest: float
 def passed(facets: FlatFacets, body: FlatFacets, before: tuple[FlatFacets, FlatFacets]) -> bool:
     """Whether facets without a partner have gone through another body: the middle of one was in
     front of its surface, crossed a facet on the straight way, seen from this facet, and is behind
-    one, not next to it.
-    """
+    one, not next to it."""
     if not len(facets.corners) or not len(body.corners):
         return False
     moves = [now.centres - then.centres for now, then in zip((facets, body), before, strict=True)]

@@ -1,1 +1,1 @@
-"""The public problem, its states and energies, and input checks."""
+"""The public problem, its loading, steps, states and energies."""

@@ -46,12 +46,6 @@ CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
 def checked_interfaces(interfaces: Sequence[Interface]) -> tuple[Interface, ...]:
-    """Interfaces as a tuple.
-
-    Raises:
-        TypeError: they are not a sequence of :class:`vmdg.Interface`.
-        ValueError: two of them have the same name.
-    """
     if isinstance(interfaces, Interface):
         raise TypeError(
             "Problem: interfaces must be a list, [Interface(...)], even for a single one"
@@ -74,11 +68,6 @@ def checked_interfaces(interfaces: Sequence[Interface]) -> tuple[Interface, ...]
 
 
 def checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Material]:
-    """Materials by tag, unchanged.
-
-    Raises:
-        TypeError: they are not a mapping of tags to instances of :class:`vmdg.Material`.
-    """
     if not isinstance(materials, Mapping):
         raise TypeError(
             f"Problem: materials = {materials!r} must be a dict of materials by cell tag, for "
@@ -99,14 +88,6 @@ def checked_materials(materials: Mapping[Group, Material]) -> Mapping[Group, Mat
 
 
 def check_mesh(mesh: Mesh, cell_tags: MeshTags) -> None:
-    """Check a mesh in double precision and its cell tags.
-
-    Raises:
-        TypeError: one of them has the wrong type.
-        ValueError: the tags are those of facets or of another mesh, coordinates are in single
-            precision or of another dimension, or the cell type is not supported.
-        RuntimeError: PETSc computes with complex numbers.
-    """
     if not isinstance(mesh, Mesh):
         raise TypeError(
             f"Problem: mesh is a {type(mesh).__name__}, not a dolfinx.mesh.Mesh; unpack what "
@@ -155,13 +136,6 @@ def check_plane(
     symmetry: str | None,
     volumetric: str,
 ) -> bool:
-    """Whether a problem is one of plane stress.
-
-    Raises:
-        ValueError: an unknown option, an option without meaning in plane stress or generalized
-            plane strain; in plane stress a material tilted out of the plane, or one without a
-            closed-form thickness stretch.
-    """
     if plane not in PLANES:
         raise ValueError(f"Problem: plane = {plane!r} must be one of {PLANES}")
     if plane == "strain":
@@ -206,11 +180,6 @@ def check_points(
     kinematics: str,
     locks: bool,
 ) -> None:
-    """Check what is given together with materials at points; warns of locking.
-
-    Raises:
-        ValueError: other kinematics than those of a material, or the traction jump.
-    """
     at_points = {tag: m for tag, m in materials.items() if isinstance(m, PointMaterial)}
     for tag, material in at_points.items():
         what = f"Problem: the {type(material).__name__} of tag {tag}"
@@ -235,12 +204,6 @@ def check_points(
 
 
 def check_walls(bodies: Bodies, strains: Mapping[int, Any], repeats: bool, axial: bool) -> None:
-    """Check what is given together with rigid walls.
-
-    Raises:
-        ValueError: there is no deformable body, a wall has an eigenstrain, or the mean strain of
-            the cell or F_33 would strain it.
-    """
     if not bodies.walls:
         return
     if len(bodies.walls) == len(bodies.cells_of):
@@ -261,11 +224,7 @@ def check_walls(bodies: Bodies, strains: Mapping[int, Any], repeats: bool, axial
 
 
 def check_rest(mesh: Mesh, materials: Mapping[int, Material]) -> None:
-    """Check that energies have no stress at F = I, the initial state; collective.
-
-    Raises:
-        ValueError: one has a stress there, or is not finite.
-    """
+    """Check that energies have no stress at F = I, the initial state; collective."""
     for tag, material in materials.items():
         if material.free_at_rest or type(material).energy is Material.energy:
             continue
@@ -310,9 +269,6 @@ def check_approximation(mesh: Mesh, degree: int, kinematics: str, residual: str)
     In a curved cell with X(xi) of degree p, displacements u(xi) of degree k < p do not contain
     affine functions of X: for a constant strain grad u, and the tractions of an interface, would
     have an error of the order of the curvature on any mesh.
-
-    Raises:
-        ValueError: one of them is invalid, or the cells have a higher degree than the displacement.
     """
     if not isinstance(degree, Real) or degree < 1 or degree % 1:
         raise ValueError(f"Problem: degree = {degree!r} must be an integer, at least 1")
@@ -333,11 +289,6 @@ def check_approximation(mesh: Mesh, degree: int, kinematics: str, residual: str)
 
 
 def check_condition(what: str, where: Any, value: Any) -> None:
-    """Check for a location and a value rather than a DOLFINx condition.
-
-    Raises:
-        TypeError: one of them is a DirichletBC, or there is no value.
-    """
     if isinstance(where, fem.DirichletBC) or isinstance(value, fem.DirichletBC):
         raise TypeError(
             f"{what}: a DirichletBC of DOLFINx belongs to the dofs of another space than the "
@@ -352,11 +303,6 @@ def check_condition(what: str, where: Any, value: Any) -> None:
 def check_rigid_face(
     d: int, small: bool, component: int | str | None, tilts: bool, at: ArrayLike | None
 ) -> None:
-    """Check the motion of a rigid face and its point.
-
-    Raises:
-        ValueError: large rotations, or no point (d,) where the face tilts.
-    """
     if tilts and component is None and not small:
         raise ValueError(
             "rigid_face: all components of a tilting face form a rigid rotation, which is linear "
@@ -378,9 +324,6 @@ def check_pairs(facets: Sequence[InterfaceFacets], others: Mapping[str, bool]) -
 
     Args:
         others: Whether the problem has a feature, by what the user wrote for it.
-
-    Raises:
-        ValueError: a feature that they do not have.
     """
     present = [name for name, given in others.items() if given]
     for selected in facets:
@@ -393,11 +336,7 @@ def check_pairs(facets: Sequence[InterfaceFacets], others: Mapping[str, bool]) -
 
 def check_overlap(mesh: Mesh, facets: Sequence[InterfaceFacets]) -> None:
     """Check that every facet belongs to one interface, or two of them that lie opposite each other;
-    collective.
-
-    Raises:
-        ValueError: a facet belongs to two, or a pair of facets.
-    """
+    collective."""
     taken, message = np.full(len(facet_cells(mesh)), -1), None
     paired: list[PairedFacets] = []
     for number, selected in enumerate(facets):
@@ -429,12 +368,7 @@ def check_faces(
     facets: Sequence[InterfaceFacets],
 ) -> None:
     """Check that no interface that can fail lies on the tied boundary of a periodic cell;
-    collective.
-
-    Raises:
-        ValueError: opposite faces do not match, the two groups of such an interface meet across the
-            boundary, or its predicate or level set selects facets there.
-    """
+    collective."""
 
     def everywhere(values: NDArray) -> NDArray:
         return np.concatenate(comm.allgather(values))

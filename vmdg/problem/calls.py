@@ -1,4 +1,4 @@
-"""Supports and loads as a user gives them: checked, and imposed on the loading."""
+"""Supports and loads as a user gives them: checked, and imposed on the loading; rigid faces."""
 
 from __future__ import annotations
 
@@ -36,10 +36,8 @@ class Drive(NamedTuple):
     """Load on one component of H = F_bar - I, the mean gradient of a periodic cell, or on F_33 - 1.
 
     Attributes:
-        row, column: i and j of H_ij.
         prescribed: Whether H_ij is given; otherwise the mean stress P_ij is [MPa], or the force
             along z [N].
-        value: A number or f(t).
     """
 
     row: int
@@ -54,11 +52,6 @@ class LoadCalls:
     Functions passed on to the loading keep no reference to this object, nor to the loading: a
     reference cycle would keep meshes alive after a problem is deleted, and their communicators, of
     which MPICH has 2048.
-
-    Args:
-        loading: On which they are imposed.
-        activation: Facets of the interfaces.
-        names: Tag by name of the groups of cells.
     """
 
     def __init__(self, loading: Loading, activation: Activation, names: dict[str, int]):
@@ -75,7 +68,6 @@ class LoadCalls:
     def dirichlet(
         self, facets: Where, value: Value | Expr, component: int | str | None, relative: bool
     ) -> None:
-        """See :meth:`vmdg.Problem.dirichlet`."""
         check_condition("dirichlet", facets, value)
         facets = find_boundary_facets(self._mesh, facets, "dirichlet")
         reason = (
@@ -103,7 +95,6 @@ class LoadCalls:
     def dirichlet_points(
         self, where: Locator, value: Value | Expr, component: int | str | None
     ) -> None:
-        """See :meth:`vmdg.Problem.dirichlet_points`."""
         what = "dirichlet_points"
         check_condition(what, where, value)
         find_nodes(self._space, where, what)
@@ -121,12 +112,7 @@ class LoadCalls:
             self._loading.add(partial(_drive_means, drives), of_means=True)
 
     def _move_walls(self) -> None:
-        """Prescribe the nodes of rigid walls, see :class:`vmdg.Rigid`; collective.
-
-        Raises:
-            ValueError: a displacement is not a displacement, depends on x at finite strain, or is
-                radial in axisymmetry.
-        """
+        """Prescribe the nodes of rigid walls, see :class:`vmdg.Rigid`; collective."""
         d, ring = self._mesh.geometry.dim, isinstance(self._bodies.geometry, Axisymmetric)
         for tag, value in self._bodies.walls.items():
             what, cells = f"Rigid: displacement of tag {tag}", self._bodies.cells_of[tag]
@@ -145,7 +131,6 @@ class LoadCalls:
         force: Value | None,
         displacement: Value | None,
     ) -> int:
-        """See :meth:`vmdg.Problem.rigid_face`; returns its number."""
         check_rigid_face(self._mesh.geometry.dim, self._bodies.small, component, tilts, at)
         if force is not None and displacement is not None:
             raise ValueError("rigid_face: give force or displacement, not both")
@@ -164,11 +149,6 @@ class LoadCalls:
     # Facets
 
     def boundary(self, where: Where, what: str) -> NDArray[np.int32]:
-        """Facets of the boundary.
-
-        Raises:
-            ValueError: one lies inside the mesh, or opposite a body to which it is joined.
-        """
         facets = find_boundary_facets(self._mesh, where, what)
         remedy = {
             "traction": "or let an interface transmit the traction",
@@ -185,11 +165,7 @@ class LoadCalls:
 
     def _check_opposite(self, facets: NDArray[np.int32], what: str) -> None:
         """Check for facets opposite another body, whose contact would take the load, a part of P.N
-        there, for its own traction; collective.
-
-        Raises:
-            ValueError: they are joined to it for good.
-        """
+        there, for its own traction; collective."""
         for other in self._activation.facets:
             if not other.paired:
                 continue
@@ -206,18 +182,15 @@ class LoadCalls:
                 )
 
     def _behind(self, facets: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Cells of boundary facets."""
         return facet_cells(self._mesh)[facets, 0]
 
     # Dead loads
 
     def traction(self, facets: Where, value: Value | Expr) -> None:
-        """See :meth:`vmdg.Problem.traction`."""
         facets = self.boundary(facets, "traction")
         self._loading.add(lambda to: to.dead.add_traction(facets, value), self._behind(facets))
 
     def body_force(self, value: Value | Expr, tag: Group | None) -> None:
-        """See :meth:`vmdg.Problem.body_force`."""
         if np.ndim(tag) != 0:
             raise ValueError(f"body_force: tag = {tag} must be one tag; call it once for each")
         tag, cells_of = group_tag(tag, self._names, "body_force"), self._bodies.cells_of
@@ -227,7 +200,6 @@ class LoadCalls:
         self._loading.add(lambda to: to.dead.add_body_force(cells.astype(np.int32), value), cells)
 
     def point_load(self, where: Locator, value: Value, component: int | str | None) -> None:
-        """See :meth:`vmdg.Problem.point_load`."""
         check_condition("point_load", where, value)
         loaded = find_nodes(self._space, where, "point_load")
         self._refuse_split_nodes(loaded)
@@ -241,11 +213,7 @@ class LoadCalls:
 
     def _refuse_split_nodes(self, loaded: NDArray[np.int32]) -> None:
         """Check for nodes of an interface, which are duplicated, or will be when facets open on
-        demand.
-
-        Raises:
-            ValueError: one is selected.
-        """
+        demand."""
         x, message = self._space.tabulate_dof_coordinates(), None
         for facets in self._activation.facets:
             nodes = nodes_of_facets(self._space, facets.everywhere)
@@ -262,7 +230,6 @@ class LoadCalls:
     def pressure(
         self, where: Where | Interface | str, value: Value, debonded: bool, share: Share | None
     ) -> None:
-        """See :meth:`vmdg.Problem.pressure`."""
         constant = isinstance(value, fem.Constant) and value is not self._loading.load_factor
         if isinstance(value, Expr) and not constant:
             raise ValueError(
@@ -315,7 +282,6 @@ class LoadCalls:
         self._loading.given.filled.add(number)
 
     def spring(self, where: Where, stiffness: ArrayLike) -> None:
-        """See :meth:`vmdg.Problem.spring`."""
         facets = self.boundary(where, "spring")
         self._loading.add(lambda to: to.surface.add_spring(facets, stiffness))
 
@@ -343,3 +309,31 @@ def _drive_means(drives: Sequence[Drive], loading: Loading) -> None:
 def _move_wall(cells: NDArray[np.int32], value: Value, what: str, loading: Loading) -> None:
     nodes = nodes_of_cells(loading.discretization.space, cells)
     loading.dirichlet.add(nodes, value, None, what)
+
+
+class RigidMotion:
+    """Motion of a rigid face, see :meth:`vmdg.Problem.rigid_face`.
+
+    Args:
+        loading: The loading with the face.
+        number: Number of the face.
+    """
+
+    def __init__(self, loading: Loading, number: int):
+        self._loading, self._number = loading, number
+
+    def displacement(self) -> float | NDArray[np.float64]:
+        """Displacement of its point, a number with one component, else (d,) [mm]; collective."""
+        faces = self._loading.rigid
+        face = faces.faces[self._number]
+        found = faces.displacement(face)
+        return found if face.component is None else float(found[0])
+
+    def rotation(self) -> float | NDArray[np.float64]:
+        """Rotation, about z in 2D, about the axes (3,) in 3D [rad]; collective."""
+        faces = self._loading.rigid
+        angles = faces.rotation(faces.faces[self._number])
+        if len(angles) == 1:
+            return float(angles[0])
+        xy, xz, yz = angles
+        return np.array([yz, -xz, xy])

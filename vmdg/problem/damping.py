@@ -56,11 +56,7 @@ class Rayleigh:
 
 
 def checked_viscosity(viscosity: Viscosity) -> Viscosity:
-    """A viscosity of :meth:`.Problem.spring`, two numbers or the word.
-
-    Raises:
-        ValueError: it is something else.
-    """
+    """A viscosity of :meth:`.Problem.spring`, two numbers or the word."""
     if isinstance(viscosity, str):
         if viscosity == ABSORBING:
             return viscosity
@@ -85,25 +81,20 @@ class Damping:
     def __init__(self, discretization: Discretization, density: fem.Function, rayleigh: Rayleigh):
         self.rayleigh = rayleigh
         self.dashpots: list[tuple[NDArray[np.int32], Viscosity]] = []
-        self._parts, self._density = discretization, density
+        self._discretization, self._density = discretization, density
         # Of the last step.
         self._before = fem.Function(discretization.space)
         self._per_time = fem.Constant(discretization.mesh, 1.0)
 
     @property
     def exists(self) -> bool:
-        """Whether there are viscous forces."""
         return bool(self.dashpots or self.rayleigh.alpha or self.rayleigh.beta)
 
     def refuse(self) -> None:
-        """Refuse bodies whose viscosity beta F.dS/dt is not defined here.
-
-        Raises:
-            ValueError: beta > 0 with a material at points, mean dilatation, or unknown means.
-        """
-        bodies = self._parts.bodies
+        """Refuse bodies whose viscosity beta F.dS/dt is not defined here."""
+        bodies = self._discretization.bodies
         others = bodies.points is not None or bodies.mean_dilatation
-        if self.rayleigh.beta and (others or self._parts.means is not None):
+        if self.rayleigh.beta and (others or self._discretization.means is not None):
             raise ValueError(
                 "Problem: Rayleigh(beta=) damps hyperelastic bodies with pointwise volumetric "
                 "strain, neither in periodic cells nor in generalized plane strain; with others "
@@ -113,18 +104,20 @@ class Damping:
     @cached_property
     def _stiffness(self) -> tuple[fem.Form, fem.Form]:
         """beta F.(S - S_0)/h against GRAD eta, and its derivative by the displacement."""
-        parts, weak = self._parts, self._parts.weak_form
-        F_0 = ufl.variable(parts.geometry.deformation(self._before))
+        discretization, weak = self._discretization, self._discretization.weak_form
+        F_0 = ufl.variable(discretization.geometry.deformation(self._before))
 
         def rate(body: Body, F: Expr) -> Expr:
-            stress, first = (kinematics.bulk_stress(body, parts.geometry, G) for G in (F, F_0))
+            stress, first = (
+                kinematics.bulk_stress(body, discretization.geometry, G) for G in (F, F_0)
+            )
             if not body.small:
                 first = ufl.dot(F, ufl.dot(ufl.inv(F_0), first))
             return ufl.inner(virtual, stress - first)
 
-        virtual = parts.geometry.gradient(ufl.TestFunction(parts.space))
+        virtual = discretization.geometry.gradient(ufl.TestFunction(discretization.space))
         form = self.rayleigh.beta * self._per_time * weak.over_bodies(rate)
-        tangent = ufl.derivative(form, parts.u, ufl.TrialFunction(parts.space))
+        tangent = ufl.derivative(form, discretization.u, ufl.TrialFunction(discretization.space))
         return weak.compile(form, "damping", UNROLLED), weak.compile(tangent, "damping")
 
     def resist(self, before: NDArray[np.float64], h: float) -> NDArray[np.float64]:
@@ -136,15 +129,15 @@ class Damping:
             before: Displacement at its start, over local dofs [mm].
             h: The step [s].
         """
-        parts = self._parts
+        discretization = self._discretization
         if not self.rayleigh.beta:
-            return np.zeros(parts.owned)
+            return np.zeros(discretization.owned)
         self._before.x.array[:] = before
         self._per_time.value = 1 / h
-        forces = fem.Function(parts.space).x
+        forces = fem.Function(discretization.space).x
         fem.assemble_vector(forces.array, self._stiffness[0])
         forces.scatter_reverse(la.InsertMode.add)
-        return forces.array[: parts.owned]
+        return forces.array[: discretization.owned]
 
     def tangent(self, matrix: PETSc.Mat) -> None:
         """Assemble the derivative of the last :meth:`resist` by the displacement; collective."""
@@ -154,36 +147,39 @@ class Damping:
 
     def matrix(self, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
         """A new matrix of the dashpots, with moduli of the current displacement; collective."""
-        parts = self._parts
-        eta, v = ufl.TestFunction(parts.space), ufl.TrialFunction(parts.space)
-        matrix, form = parts.create_matrix(kind), self._dashpot_form(eta, v)
+        discretization = self._discretization
+        eta, v = ufl.TestFunction(discretization.space), ufl.TrialFunction(discretization.space)
+        matrix, form = discretization.create_matrix(kind), self._dashpot_form(eta, v)
         if not form.empty():
-            fem_petsc.assemble_matrix(matrix, parts.weak_form.compile(form, "dashpots"))
+            fem_petsc.assemble_matrix(matrix, discretization.weak_form.compile(form, "dashpots"))
         matrix.assemble()
         return matrix
 
     def _dashpot_form(self, eta: Expr, v: Expr) -> ufl.Form:
         """Forces of dashpots; of absorbing ones by the moduli next to them (Lysmer and Kuhlemeyer
         1969): rho c_p along the normal and rho c_s across."""
-        parts, mesh = self._parts, self._parts.mesh
-        N, F = ufl.FacetNormal(mesh), ufl.variable(parts.geometry.deformation(parts.u))
+        discretization, mesh = self._discretization, self._discretization.mesh
+        N, F = (
+            ufl.FacetNormal(mesh),
+            ufl.variable(discretization.geometry.deformation(discretization.u)),
+        )
         rows, terms = [], []
         for facets, viscosity in self.dashpots:
             cells = boundary_rows(mesh, facets).reshape(-1, 2)
-            for number, region in enumerate(parts.bodies.regions):
-                chosen = cells[parts.bodies.region[cells[:, 0]] == number]
+            for number, region in enumerate(discretization.bodies.regions):
+                chosen = cells[discretization.bodies.region[cells[:, 0]] == number]
                 rows.append((len(rows), chosen.ravel()))
                 if isinstance(viscosity, str):
                     along, across = self._impedance(region.body, F, N)
                 else:
                     along, across = (fem.Constant(mesh, float(c)) for c in np.ravel(viscosity))
                 Z = surface.foundation(along, across, N)
-                terms.append(parts.geometry.weight * ufl.inner(eta, ufl.dot(Z, v)))
+                terms.append(discretization.geometry.weight * ufl.inner(eta, ufl.dot(Z, v)))
         ds = ufl.Measure(
             "ds",
             domain=mesh,
             subdomain_data=rows,
-            metadata={"quadrature_degree": facet_degree(parts.degree) + 1},
+            metadata={"quadrature_degree": facet_degree(discretization.degree) + 1},
         )
         return sum((term * ds(i) for i, term in enumerate(terms)), start=ufl.Form([]))
 

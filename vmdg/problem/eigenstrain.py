@@ -33,18 +33,8 @@ _SYMMETRIC = 1e-12
 class Eigenstrain:
     """Stress-free strain of the cells of a tag; collective.
 
-    Args:
-        mesh: The mesh.
-        value: The user's value.
-        cells: Local cells of the tag, ghosts included.
-        what: Its name, for messages.
-
     Attributes:
         tensor: Whether it is a tensor rather than a multiple of the identity.
-        uniform: Whether it is the same in all cells.
-
-    Raises:
-        ValueError: it is not a valid strain.
     """
 
     def __init__(self, mesh: Mesh, value: Any, cells: NDArray[np.int32], what: str):
@@ -65,11 +55,7 @@ class Eigenstrain:
 
 
 class Eigenstrains:
-    """Eigenstrains of all bodies, as loads.
-
-    Args:
-        bodies: The bodies.
-    """
+    """Eigenstrains of all bodies, as loads."""
 
     kind = "an eigenstrain"
 
@@ -89,18 +75,7 @@ def checked_eigenstrains(
     eigenstrain: Mapping[Group, Any] | None,
     names: Mapping[str, int],
 ) -> dict[int, Eigenstrain]:
-    """Eigenstrains by tag; collective.
-
-    Args:
-        mesh: The mesh.
-        tags: Tag of every local cell, ghosts included.
-        eigenstrain: The user's eigenstrains.
-        names: Tag by name of the groups of cells.
-
-    Raises:
-        TypeError: they are not a mapping of tags.
-        ValueError: one is not a valid strain.
-    """
+    """Eigenstrains by tag; collective."""
     if not isinstance(eigenstrain or {}, Mapping):
         raise TypeError(
             f"Problem: eigenstrain = {eigenstrain!r} must be a dict of strains by cell tag, for "
@@ -118,13 +93,7 @@ def checked_eigenstrains(
 
 
 def refusal(bodies: Bodies, strains: Array, t: float) -> str | None:
-    """Why these eigenstrains are impossible at finite strain; None if they are valid.
-
-    Args:
-        bodies: The bodies.
-        strains: Eigenstrains of all local cells.
-        t: Load factor.
-    """
+    """Why these eigenstrains are impossible at finite strain; None if they are valid."""
     least = np.inf if bodies.small else bodies.least_stretch(strains)
     if least > 0:
         return None
@@ -138,7 +107,6 @@ def refusal(bodies: Bodies, strains: Array, t: float) -> str | None:
 def _reader(
     mesh: Mesh, value: Any, cells: NDArray[np.int32], points: bool
 ) -> tuple[Callable[[float], Array], bool]:
-    """The value as a function of t, and whether it is uniform."""
     if isinstance(value, fem.Function):
         return lambda t: rows_of_cells(mesh, value, cells), False
     if points:
@@ -155,11 +123,6 @@ def _reader(
 
 
 def _check(strain: Array, rows: tuple[int, ...], d: int) -> None:
-    """Check for one finite number or tensor per row.
-
-    Raises:
-        ValueError: the reason.
-    """
     shape = strain.shape[len(rows) :]
     if strain.shape[: len(rows)] != rows or shape not in ((), (3, 3)):
         raise ValueError(f"its value at load factor 0 has shape {strain.shape}")

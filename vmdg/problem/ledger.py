@@ -94,11 +94,9 @@ class Ledger:
     # The course of a step
 
     def settle(self) -> None:
-        """Accept the estimate of the pending work."""
         self.works = replace(self.works, pending=None)
 
     def begin(self, state: Snapshot, dt: float, slowed: bool, cycles: float) -> None:
-        """Start a step from a converged state."""
         loads, fluids = self._loading.vector, self._fluids()
         self._start = _Start(state, loads, fluids, dt, slowed, cycles)
 
@@ -108,7 +106,7 @@ class Ledger:
         self._start.added = added
         self._start.rate = self._eigenstrain_rate(self._loading.t, t)
 
-    def hold(self) -> None:
+    def record_start(self) -> None:
         """Record the last residual as that at the start of the step, with its tau_s and loads."""
         now = self.discretization
         if now.bodies.hyperelastic:
@@ -182,7 +180,6 @@ class Ledger:
         return Energy(*(float(value) for value in global_sum(self._comm, values)))
 
     def _enter(self, external: Sequence[float], dissipated: NDArray[np.float64]) -> None:
-        """Record this rank's works."""
         works = self.works
         self.works = replace(
             works,
@@ -205,11 +202,9 @@ class Ledger:
     # Entries other than steps
 
     def begin_path(self) -> None:
-        """The next step does not continue the last one."""
         self.works = replace(self.works, increment=None, pending=None)
 
-    def follow(self, discretization: Discretization) -> None:
-        """Continue with another discretization."""
+    def change_space(self, discretization: Discretization) -> None:
         self.discretization = discretization
         self.begin_path()
 
@@ -217,7 +212,7 @@ class Ledger:
         """Record this rank's energy added by opened facets [N mm]."""
         self._enter((0.0, added), np.zeros(3))
 
-    def hold_loads(self, since: Snapshot) -> None:
+    def keep_loads_constant(self, since: Snapshot) -> None:
         """Replace the work of loads since a state at this load factor by that at constant load.
 
         The path there passed other load factors, which a machine would not record.
@@ -426,5 +421,4 @@ class Ledger:
 
 
 def _joined(arrays: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Concatenated arrays, possibly none."""
     return np.concatenate([np.zeros(0), *arrays])

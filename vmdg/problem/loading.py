@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,9 +20,45 @@ from ..base.parallel import global_any, global_sum, raise_together
 from ..base.tables import rounded
 from ..domain.geometry import axis_dofs
 from .eigenstrain import Eigenstrains, refusal
-from .ray import Ray
 
 Array = NDArray[np.float64]
+
+#: Positions between two load factors at which loads are checked for linearity, and its tolerance
+#: relative to the largest value at an end.
+PROBES, STRAIGHT = (0.382, 0.5), 1e-9
+
+
+class Ray:
+    """A list of loads, each linear between its given values at two load factors, and beyond."""
+
+    def __init__(self, loads: Iterable[Load], start: float, end: float):
+        self.start, self.end = start, end
+        self.ends = {load: (load.values(start), load.values(end)) for load in loads}
+
+    def at(self, load: Load, t: float) -> Array:
+        """Values of a load at load factor ``t``, also beyond the ends."""
+        share = (t - self.start) / (self.end - self.start)
+        first, last = self.ends[load]
+        return (1 - share) * first + share * last
+
+    def rate(self, load: Load) -> Array:
+        first, last = self.ends[load]
+        return (last - first) / (self.end - self.start)
+
+    def changes(self, load: Load) -> bool:
+        first, last = self.ends[load]
+        return bool((first != last).any())
+
+    def reproduces(self, t: float) -> bool:
+        """Whether the ray reproduces all given loads at load factor ``t``, on this rank."""
+        off = [np.abs(load.values(t) - self.at(load, t)).max(initial=0.0) for load in self.ends]
+        sizes = [np.abs(pair).max(initial=0.0) for pair in self.ends.values()]
+        return bool((np.array(off) <= STRAIGHT * np.array(sizes)).all())
+
+    def is_straight(self) -> bool:
+        length = self.end - self.start
+        # All of them: ranks that stopped at the first one would call users' functions less often.
+        return all([self.reproduces(self.start + share * length) for share in PROBES])
 
 
 class Given(NamedTuple):
@@ -47,25 +83,12 @@ class Loading:
 
     What imposes them is kept, since facets that open on demand change the space.
 
-    Args:
-        discretization: The loaded discretization.
-        names: Tag by name of the groups of cells.
-
     Attributes:
         nearby: Whether the state is for the moment one of a neighbouring value of a parameter, at
             which a monitor is differentiated.
-        load_factor: t as a UFL constant.
-        discretization: The current one.
-        dirichlet: Prescribed displacements in its space.
-        dead: Its dead loads.
-        surface: Its pressures and springs.
-        rigid: Its rigid faces.
-        loads: These and eigenstrains.
         ray: The ray along which the load factor moves; None if loads are used as given.
-        given: Information on loads and supports.
-        parts: Parts of the problem by the interfaces that are intact, see
+        rigid_parts: Those of the problem by the interfaces that are intact, see
             :func:`.supports.parts_of`; forgotten when a load or support is added.
-        t: Load factor.
     """
 
     def __init__(self, discretization: Discretization, names: dict[str, int]):
@@ -76,12 +99,11 @@ class Loading:
         self.nearby, self._anchored = False, True
         self.load_factor, self.t = fem.Constant(self._mesh, 0.0), 0.0
         self.given = Given(np.zeros(len(self._bodies.tags), dtype=bool), [], set(), [])
-        self.follow(discretization)
+        self.rebuild(discretization)
 
-    def follow(self, discretization: Discretization) -> None:
-        """Apply all loads to another discretization."""
+    def rebuild(self, discretization: Discretization) -> None:
         self.discretization, u = discretization, discretization.u
-        self.parts: dict[tuple[int, ...], Any] = {}
+        self.rigid_parts: dict[tuple[int, ...], Any] = {}
         self.dirichlet = DirichletConditions(discretization.space, self._zeros())
         self.dead = DeadLoads(u, discretization.geometry, self.load_factor)
         self.surface = discretization.new_surface()
@@ -95,11 +117,10 @@ class Loading:
         self.move(self.t)
 
     def _zeros(self) -> NDArray[np.int32]:
-        """Local dofs that are zero for every load."""
-        parts = self.discretization
-        if parts.means is None:
-            return axis_dofs(parts.space, parts.geometry)
-        return parts.means.fixed if self._anchored else parts.means.spare
+        discretization = self.discretization
+        if discretization.means is None:
+            return axis_dofs(discretization.space, discretization.geometry)
+        return discretization.means.fixed if self._anchored else discretization.means.spare
 
     def add(
         self,
@@ -113,11 +134,7 @@ class Loading:
             impose: Applies it in the current space. A function that refers to this object would
                 close a reference cycle, which keeps meshes alive after a problem is deleted, and
                 their communicators, of which MPICH has 2048.
-            cells: Local cells on which a load acts.
             of_means: Whether it acts on a mean, as allowed in a periodic cell.
-
-        Raises:
-            ValueError: it conflicts with a rigid face or a periodic cell, and is not applied.
         """
         if lattice_of(self.discretization.means) is not None and not of_means:
             raise ValueError(
@@ -128,11 +145,11 @@ class Loading:
         try:
             self._refuse_held_faces()
         except ValueError:
-            self.follow(self.discretization)
+            self.rebuild(self.discretization)
             raise
         self.given.calls.append(impose)
         self.given.loaded[np.asarray(cells, dtype=np.intp)] = True
-        self.parts.clear()
+        self.rigid_parts.clear()
         self.move(self.t)
 
     # Values
@@ -156,11 +173,7 @@ class Loading:
         return self.at(self.dirichlet, t)
 
     def _refuse_held_faces(self) -> None:
-        """Check that nodes of rigid faces have no other constraint.
-
-        Raises:
-            ValueError: one belongs to two faces, or its displacement is prescribed.
-        """
+        """Check that nodes of rigid faces have no other constraint."""
         if not self.rigid:
             return
         dofs, d = self.rigid.dofs, self.discretization.space.dofmap.index_map_bs
@@ -211,11 +224,9 @@ class Loading:
 
     @property
     def pressurised(self) -> bool:
-        """Whether there is a pressure."""
         return self.surface.pressurised
 
     def spread(self) -> None:
-        """Let fluids spread to broken bonds."""
         self.surface.spread()
         self.move(self.t)
 
@@ -242,11 +253,7 @@ class Loading:
         return True
 
     def check_finite(self, t: float) -> list[Array]:
-        """The given values of :attr:`loads` at load factor ``t``; collective.
-
-        Raises:
-            ValueError: one of them is not finite, or an eigenstrain of finite strain is -1 or less.
-        """
+        """The given values of :attr:`loads` at load factor ``t``; collective."""
         values = together(self._mesh.comm, lambda: [load.values(t) for load in self.loads])
         self._refuse_infinite(t, values)
         return values
@@ -260,10 +267,9 @@ class Loading:
     def as_given(self, t: float) -> bool:
         """Whether the current ray reproduces the given loads at ``t``; collective."""
         comm = self._mesh.comm
-        return not global_any(comm, not together(comm, lambda: self.ray.leads(t)))
+        return not global_any(comm, not together(comm, lambda: self.ray.reproduces(t)))
 
     def clear_ray(self) -> None:
-        """Use loads as given from now on."""
         self.ray, self._vector = None, None
 
     def strained(self, t: float, other: float) -> bool:
@@ -302,10 +308,13 @@ def anchor(loading: Loading) -> None:
     """Translate a periodic cell such that its anchor is where statics fixes it; collective."""
     if loading._anchored:
         return
-    parts, d = loading.discretization, loading._mesh.geometry.dim
-    owned, here = parts.means.anchor[parts.means.anchor < parts.owned], np.zeros(d)
-    here[owned % d] = parts.u.x.array[owned]
-    nodes = np.unique(parts.means.nodes)
-    parts.u.x.array.reshape(-1, d)[nodes] -= global_sum(loading._mesh.comm, here)
+    discretization, d = loading.discretization, loading._mesh.geometry.dim
+    owned, here = (
+        discretization.means.anchor[discretization.means.anchor < discretization.owned],
+        np.zeros(d),
+    )
+    here[owned % d] = discretization.u.x.array[owned]
+    nodes = np.unique(discretization.means.nodes)
+    discretization.u.x.array.reshape(-1, d)[nodes] -= global_sum(loading._mesh.comm, here)
     loading._anchored = True
     loading.dirichlet.fix(loading._zeros())

@@ -34,10 +34,6 @@ def checked_density(
 
     Args:
         deformable: Tags of the bodies that are not rigid walls.
-
-    Raises:
-        ValueError: a body has none, a wall has one, or one is not positive and finite.
-        TypeError: one is not a number.
     """
     for tag, rho in density.items():
         if isinstance(rho, bool) or not isinstance(rho, Real):
@@ -133,12 +129,14 @@ class Motion:
     @cached_property
     def _form(self) -> fem.Form:
         """int rho v.w dV, with a rule that is exact on affine cells."""
-        parts = self._discretization
-        mesh, geometry = parts.mesh, parts.geometry
-        v, w = ufl.TrialFunction(parts.space), ufl.TestFunction(parts.space)
-        order = 2 * parts.degree + isinstance(geometry, Axisymmetric)
+        discretization = self._discretization
+        mesh, geometry = discretization.mesh, discretization.geometry
+        v, w = ufl.TrialFunction(discretization.space), ufl.TestFunction(discretization.space)
+        order = 2 * discretization.degree + isinstance(geometry, Axisymmetric)
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
-        return parts.weak_form.compile(geometry.weight * self._rho * ufl.inner(v, w) * dx, "mass")
+        return discretization.weak_form.compile(
+            geometry.weight * self._rho * ufl.inner(v, w) * dx, "mass"
+        )
 
     def matrix(self, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
         """A new consistent mass matrix, with the pattern of the tangent; collective."""
@@ -178,17 +176,14 @@ class Motion:
 
     @property
     def moves(self) -> bool:
-        """Whether anything on this rank moves, or is accelerated."""
         return bool(self.velocity.x.array.any() or self.acceleration.any() or self.carried.any())
 
     @property
     def state(self) -> MotionState:
-        """The current motion."""
         velocity = self.velocity.x.array.copy()
         return MotionState(velocity, self.acceleration, self.carried, self.lumped, self.plan)
 
     def return_to(self, state: MotionState) -> None:
-        """Return to a motion."""
         self.velocity.x.array[:], *others = state
         self.acceleration, self.carried, self.lumped, self.plan = others
 
@@ -203,7 +198,6 @@ class Motion:
         return found
 
     def take(self, fields: Mapping[str, Array]) -> None:
-        """Take what :meth:`fields` has returned; at rest where it is missing."""
         at_rest = np.zeros_like(self.velocity.x.array)
         self.velocity.x.array[:] = fields.get("velocity", at_rest)
         owned = slice(self._discretization.owned)
@@ -229,11 +223,6 @@ class Motion:
 
 
 def moving(motion: Motion | None) -> Motion:
-    """The motion of a problem.
-
-    Raises:
-        ValueError: it has no density.
-    """
     if motion is None:
         raise ValueError(
             "the problem has no mass: give density={tag: mass per volume}, in t/mm3 with N, mm "

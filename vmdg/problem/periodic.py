@@ -1,4 +1,4 @@
-"""User's description of a periodic cell and its means."""
+"""Users' descriptions of a periodic cell and of generalized plane strain, and their means."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..assembly.dirichlet import AXES
 from ..assembly.values import Value, check_resultant, value_at
+from .arguments import GENERALIZED
 from .calls import Drive
 
 Array = NDArray[np.float64]
@@ -91,11 +92,6 @@ class Periodic:
 
 
 def checked_periodic(periodic: Periodic | None) -> Periodic | None:
-    """Check the user's argument.
-
-    Raises:
-        TypeError: it has the wrong type.
-    """
     if periodic is None or isinstance(periodic, Periodic):
         return periodic
     raise TypeError(
@@ -131,11 +127,7 @@ def _components(comm: MPI.Comm, given: Components | None, d: int, what: str) -> 
 
 
 def _upper(given: _Given, what: str) -> _Given:
-    """Components i <= j of a symmetric tensor.
-
-    Raises:
-        ValueError: it is not symmetric at load factors 0 or 1.
-    """
+    """Components i <= j of a symmetric tensor."""
     result = {}
     for (i, j), value in given.items():
         twin = given.get((j, i), value)
@@ -185,3 +177,46 @@ def _of_gradient(given: _Given, stress: _Given, d: int) -> list[Drive]:
                 continue
         drives.append(Drive(i, j, False, stress.get((i, j), 0.0)))
     return drives
+
+
+@dataclass(frozen=True)
+class GeneralizedStrain:
+    """Generalized plane strain, for ``Problem(..., plane=)``: a section of a long body.
+
+    The ends of the body stay plane and parallel, so F_33 is one number for all bodies and
+    interfaces, without bending about x and y. It is prescribed, or follows from the force along z.
+    The option "generalized strain" means zero force.
+
+    Args:
+        strain: F_33 - 1, a number or f(t) of the load factor; None if it is free.
+        force: Dead force on the section, int P_33 dA, in the same way [N]; None for none.
+    """
+
+    strain: Value | None = None
+    force: Value | None = None
+
+    def drives(self, comm: MPI.Comm) -> list[Drive]:
+        """The load on F_33 - 1; collective.
+
+        Args:
+            comm: Communicator of the mesh.
+
+        Raises:
+            ValueError: both are given, or one is not a number.
+        """
+        if self.strain is not None and self.force is not None:
+            raise ValueError(
+                "GeneralizedStrain: give strain= or force=, not both; the other one follows"
+            )
+        given = {"strain": self.strain, "force": self.force}
+        given = {name: value for name, value in given.items() if value is not None}
+        for name, value in given.items():
+            check_resultant(comm, value, [()], f"GeneralizedStrain: {name}")
+        return [Drive(2, 2, name == "strain", value) for name, value in given.items()]
+
+
+def generalized(plane: str | GeneralizedStrain) -> GeneralizedStrain | None:
+    """The user's ``plane``, the option converted to its class; None for other options."""
+    if isinstance(plane, GeneralizedStrain):
+        return plane
+    return GeneralizedStrain() if plane == GENERALIZED else None

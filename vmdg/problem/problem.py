@@ -68,14 +68,12 @@ from .arguments import (
     checked_interfaces,
     checked_materials,
 )
-from .axial import GeneralizedStrain, generalized
-from .calls import LoadCalls
+from .calls import LoadCalls, RigidMotion
 from .damping import Rayleigh, checked_viscosity
 from .eigenstrain import checked_eigenstrains, refusal
 from .loading import Loading
 from .motion import Motion, checked_density, moving
-from .periodic import Periodic, checked_periodic
-from .rigid_motion import RigidMotion
+from .periodic import GeneralizedStrain, Periodic, checked_periodic, generalized
 from .states import Energy, InterfaceMean, Snapshot
 from .step import Step
 
@@ -283,7 +281,6 @@ class Problem:
         )
 
     def _repr_html_(self) -> str:
-        """For notebooks: the repr and a table of the interfaces."""
         names = interface_names(self.interfaces)
         rows = [(i, names[i], repr(interface)) for i, interface in enumerate(self.interfaces)]
         table = html_table(("number", "name", "interface"), rows)
@@ -634,8 +631,8 @@ class Problem:
 
     def _force_on(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
         """Sum of the forces of supports on nodes, block numbers (d,) [N]; collective."""
-        parts = self.discretization
-        if lattice_of(parts.means) is not None:
+        discretization = self.discretization
+        if lattice_of(discretization.means) is not None:
             raise ValueError(
                 "reaction: a periodic cell has no supports, since it continues beyond its "
                 "boundary; the force on its mean gradient is vmdg.PeriodicCell(problem).stress "
@@ -643,14 +640,14 @@ class Problem:
             )
         nodes = nodes[nodes < self.space.dofmap.index_map.size_local]
         # Springs are part of the internal forces.
-        forces = parts.forces.x.array[: parts.owned].copy()
+        forces = discretization.forces.x.array[: discretization.owned].copy()
         if self.step.motion is not None and self.step.motion.moves:
             # What is free has inertia in place of supports.
-            free = np.ones(parts.owned, dtype=bool)
+            free = np.ones(discretization.owned, dtype=bool)
             free[self.loading.owned_prescribed] = False
             forces[free] = 0.0
             forces += self.step.motion.carried
-        forces -= parts.surface.spring_forces()
+        forces -= discretization.surface.spring_forces()
         d = self.space.dofmap.index_map_bs
         return global_sum(self.comm, forces.reshape(-1, d)[nodes].sum(axis=0))
 

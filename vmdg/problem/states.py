@@ -185,7 +185,7 @@ class Snapshot:
     rates: Rates | None = None
     motion: MotionState | None = None
 
-    def way_to(self, other: Snapshot) -> tuple[NDArray[np.float64], float] | None:
+    def change_to(self, other: Snapshot) -> tuple[NDArray[np.float64], float] | None:
         """Change of the displacement of owned dofs [mm] and of the load factor to another state.
 
         Args:

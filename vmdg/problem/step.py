@@ -43,19 +43,13 @@ class Step:
     """Load steps of a problem: a step begins, is iterated on, and is committed or cancelled.
 
     Args:
-        discretization: For the open facets.
-        activation: Which facets are open.
-        loading: Loads and prescribed displacements.
         motion: Mass, velocity and acceleration of bodies with a density; None without.
 
     Attributes:
         discretization: For the currently open facets; replaced when facets open.
         activation: Facets of the interfaces, and which of them are open.
         scales: Sizes of the run so far, which the solver updates.
-        start: State at the start of the last step.
-        ledger: Works of all steps so far.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
-        motion: As given.
         rates: Derivatives of the converged state by parameters; None for none.
         rests_on_contact: Whether a body is constrained by contact alone; otherwise points without
             bond and pressure start every step open.
@@ -111,13 +105,9 @@ class Step:
         """Store the converged state, then set loads and stabilization for a step to ``t``.
 
         Args:
-            t: Load factor.
             dt: Time step [s].
             overstress: At the start of a step in a jump, see :meth:`slow_down`.
             cycles: Load cycles that the step represents, for fatigue laws.
-
-        Raises:
-            ValueError: r <= H on a facet; the converged state is kept.
         """
         self.ledger.settle()
         self._dt, self.start = dt, self.snapshot()
@@ -141,7 +131,6 @@ class Step:
         """Begin a step to ``t`` that is neither iterated on nor cancelled, with tau_s as it is.
 
         Args:
-            t: Load factor.
             dt: Time step [s].
         """
         self._dt, self.start = dt, self.snapshot()
@@ -155,11 +144,7 @@ class Step:
         self._loading.move(t)
 
     def renew(self) -> None:
-        """Evaluate tau_s between steps of :meth:`march`; collective.
-
-        Raises:
-            ValueError: r <= H on a facet.
-        """
+        """Evaluate tau_s between steps of :meth:`march`; collective."""
         self.slow_down(0.0)
         self.ledger.enter_opening(self.discretization.update_stabilization())
 
@@ -187,7 +172,6 @@ class Step:
 
         Args:
             overstress: Overstress of bonded points per gap increment, in multiples of H.
-            cycles: As in :meth:`begin`.
         """
         for active in self.discretization.active.values():
             active.slow_down(overstress, cycles)
@@ -200,7 +184,6 @@ class Step:
         Args:
             dt: Time step of the return maps [s].
             hold: Fix zeta at its converged value instead of a return map.
-            anew: As for :meth:`.Discretization.assemble_residual`.
 
         Returns:
             Owned dofs, including prescribed ones [N].
@@ -219,7 +202,7 @@ class Step:
             for active in self._failing():
                 hold_sliding_points(active)
         self.assemble_residual(dt, hold=True, anew=anew)
-        self.ledger.hold()
+        self.ledger.record_start()
         apart = [one for one in self._failing() if one.quadrature.distance is not None]
         if apart and not global_any(self._comm, self.discretization.u.x.array.any()):
             for active in apart:
@@ -253,7 +236,6 @@ class Step:
         return global_any(self._comm, any(rows.any() for rows in points))
 
     def _failing(self) -> list[ActiveInterface]:
-        """Interfaces that can fail."""
         parts = self.discretization.active.values()
         return [active for active in parts if active.law.inelastic]
 
@@ -296,9 +278,6 @@ class Step:
 
     def overstress_rate(self, overstress: float) -> tuple[NDArray[np.float64], float]:
         """Negative derivative of the residual by the overstress at fixed u, and that of the work.
-
-        Args:
-            overstress: Current value, in multiples of H.
 
         Returns:
             Owned dofs [N]; derivative of the damage work [N mm].
@@ -407,14 +386,12 @@ class Step:
         return now
 
     def cancel(self) -> None:
-        """Return to the state before :meth:`begin`."""
         self.return_to(self.start)
         self._repeats = 0
 
     # States
 
     def snapshot(self) -> Snapshot:
-        """The converged state, to return to later."""
         now = self.discretization
         return Snapshot(
             self._loading.t,
@@ -430,14 +407,10 @@ class Step:
         )
 
     def return_to(self, snapshot: Snapshot) -> None:
-        """Return to a converged state, including its set of open facets.
-
-        Args:
-            snapshot: From :meth:`snapshot`.
-        """
+        """Return to a converged state, including its set of open facets."""
         if snapshot.discretization is not self.discretization:
             self.activation.open = list(snapshot.open)
-            self._follow(snapshot.discretization)
+            self._change_space(snapshot.discretization)
         now = self.discretization
         now.u.x.array[:] = self._reached = snapshot.u
         now.forces.x.array[:] = snapshot.forces
@@ -480,9 +453,6 @@ class Step:
 
         The state is transferred exactly: new facets start bonded, with zero opening.
 
-        Args:
-            utilization: From the activation.
-
         Returns:
             Whether any facet opened.
         """
@@ -492,7 +462,7 @@ class Step:
             return False
         stored = before.stored_energy().sum()
         self.activation.open = marks
-        self._follow(after)
+        self._change_space(after)
         after.continue_from(before)
         self._loading.move(self._loading.t)
         after.update_stabilization()
@@ -504,12 +474,11 @@ class Step:
         self.ledger.enter_opening(after.stored_energy().sum() - stored)
         return True
 
-    def _follow(self, discretization: Discretization) -> None:
-        """Use another discretization from now on."""
+    def _change_space(self, discretization: Discretization) -> None:
         self.discretization = discretization
-        self.ledger.follow(discretization)
+        self.ledger.change_space(discretization)
         self.activation.follow(discretization.u)
-        self._loading.follow(discretization)
+        self._loading.rebuild(discretization)
 
 
 def enter_given_state(step: Step) -> None:

@@ -22,18 +22,18 @@ def check_differentiable(problem: Problem, options: _Options, resumed: bool) -> 
     Raises:
         ValueError: it cannot; the message says why, and what to do.
     """
-    parts, reason = problem.discretization, None
-    if parts.bodies.points is not None:
+    discretization, reason = problem.discretization, None
+    if discretization.bodies.points is not None:
         reason = "a body at points such as J2 has a history of its own; use NeoHookean or another"
-    elif parts.means is not None:
+    elif discretization.means is not None:
         reason = "a periodic cell and generalized plane strain have unknown means; use a body"
     elif problem.step.activation:
         reason = "facets that open on demand change the unknowns; use activate='all'"
-    elif parts.slides:
+    elif discretization.slides:
         reason = "pairs of facets that slide change in every iteration; use sliding=False"
     elif any(interface.law.fatigues for interface in problem.interfaces):
         reason = "the cycles of a step follow its damage; use a law without fatigue"
-    elif parts.surface.fluids:
+    elif discretization.surface.fluids:
         reason = "the fluid between crack faces follows the bond; use tractions on a boundary"
     elif options.checkpoint is not None or resumed:
         reason = "they are not in checkpoints and histories; run it whole, without checkpoint="

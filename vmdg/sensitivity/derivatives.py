@@ -70,17 +70,16 @@ class Derivatives:
         problem: The problem, in its initial state or at the end of a run with the same parameters.
         names: Names of the parameters, or values by name, see :mod:`.parameters`.
         energy: Whether derivatives of dissipated energies and external work are needed.
-
-    Raises:
-        ValueError: there is no such parameter, or the problem was already solved without
-            derivatives.
     """
 
     def __init__(self, problem: Problem, names: Sequence[str] | Mapping[str, float], energy: bool):
         self._problem, self._energy = problem, energy
         self._parameters = parameters_of(problem, names)
         self._neighbours = Neighbours(problem)
-        self._parts, self._actives = self._neighbours.parts, self._neighbours.actives
+        self._discretization, self._actives = (
+            self._neighbours.discretization,
+            self._neighbours.actives,
+        )
         self._stabilizations = StabilizationRates(problem)
         self._rows = Rows(self._neighbours, self._parameters)
         self._laws = {
@@ -97,7 +96,6 @@ class Derivatives:
             step.rates = Rates({one.name: self._first(one) for one in self._parameters})
 
     def _first(self, parameter: Parameter) -> Rate:
-        """Rates of the initial state."""
         zero = np.zeros_like(self._problem.u.x.array)
         histories = []
         for i, active in enumerate(self._actives):
@@ -143,7 +141,7 @@ class Derivatives:
             ]
             points = self._point_rates(given, partial, dt)
             begun = list(zip(*(one.at_rest() for one in points), strict=True))
-            here = interface_forces(self._parts)
+            here = interface_forces(self._discretization)
             pulled = [
                 near.forces(parameter, known.stabilizations, values, here)
                 if known.changes
@@ -264,7 +262,7 @@ class Derivatives:
             for array in (one.tau, one.weights, one.norm, one.delta_s)
         )
         # The pressure of a mean dilatation depends on the gaps at the facets of its cell.
-        bodies = self._parts.bodies
+        bodies = self._discretization.bodies
         changes |= parameter.of_body or bodies.mean_dilatation or not bodies.small
         changes = global_any(self._problem.comm, changes)
         if changes:
@@ -325,7 +323,6 @@ class Derivatives:
         return replace(found, works=tuple(works))
 
     def columns(self, row: Mapping[str, Any], watched: Row, energies: Row | None) -> dict[str, Any]:
-        """Derivatives of a row of the history, see :meth:`.Rows.columns`."""
         return self._rows.columns(row, watched, energies)
 
 

@@ -15,8 +15,8 @@ from scipy.sparse import csr_array
 from ..assembly.discretization import interface_forces
 from ..assembly.point_matrices import local_tractions
 from ..assembly.space import at_owners
+from ..base.arrays import power_of_two
 from ..base.parallel import global_max
-from ..base.units import power_of_two
 from ..domain.topology import box_sides
 from ..interface.history import PointHistory
 from ..interface.return_map import Trial
@@ -34,20 +34,11 @@ MOVE = 1e-6
 
 
 class Neighbours:
-    """States near the current one of a problem, to which it returns; all methods are collective.
-
-    Args:
-        problem: The problem.
-
-    Attributes:
-        problem: As given.
-        parts: Its discretization.
-        actives: Its active interfaces.
-    """
+    """States near the current one of a problem, to which it returns; all methods are collective."""
 
     def __init__(self, problem: Problem):
-        self.problem, self.parts = problem, problem.discretization
-        self.actives = list(self.parts.active.values())
+        self.problem, self.discretization = problem, problem.discretization
+        self.actives = list(self.discretization.active.values())
         self._field = fem.Function(problem.space)
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._known: tuple[list[Array], list[csr_array]] | None = None
@@ -78,14 +69,14 @@ class Neighbours:
     @contextmanager
     def at(self, parameter: Parameter, rate: Rate, h: float) -> Iterator[None]:
         """The problem in the state at p (1 + h)."""
-        problem, parts = self.problem, self.parts
-        u, forces = problem.u.x.array, parts.forces.x.array
+        problem, discretization = self.problem, self.discretization
+        u, forces = problem.u.x.array, discretization.forces.x.array
         before, t = (u.copy(), forces.copy()), problem.t
         u += h * rate.u
         forces += h * rate.forces
         if rate.t:
             problem.loading.move(t + h * rate.t)
-        parts.update_means(pressure=True)
+        discretization.update_means(pressure=True)
         problem.loading.nearby, of = True, rate.interfaces
         records = (
             [one.history for one in of],
@@ -100,11 +91,11 @@ class Neighbours:
             u[:], forces[:] = before
             if rate.t:
                 problem.loading.move(t)
-            parts.update_means(pressure=True)
+            discretization.update_means(pressure=True)
 
     def everywhere(self, values: Array) -> Array:
         """Values of owned dofs on local dofs, ghosts included."""
-        self._field.x.array[: self.parts.owned] = values
+        self._field.x.array[: self.discretization.owned] = values
         self._field.x.scatter_forward()
         return self._field.x.array.copy()
 
@@ -112,7 +103,7 @@ class Neighbours:
         """Rate of prescribed dofs, on owned dofs: supports that are relative to an earlier
         displacement move with that one."""
         dofs = self.problem.loading.dirichlet.relative
-        dofs, found = dofs[dofs < self.parts.owned], np.zeros(self.parts.owned)
+        dofs, found = dofs[dofs < self.discretization.owned], np.zeros(self.discretization.owned)
         found[dofs] = rate.u[dofs]
         return found
 
@@ -125,13 +116,7 @@ class Neighbours:
         stabilizations: Sequence[Stabilization],
         given: Sequence[Trial],
     ) -> list[Trial]:
-        """Rates of the input of return maps at fixed displacement.
-
-        Args:
-            parameter: The parameter.
-            histories, stabilizations: Their rates.
-            given: The input.
-        """
+        """Rates of the input of return maps at fixed displacement."""
         if parameter.of_body:
             ends = []
             for h in (CHANGE, -CHANGE):
@@ -151,19 +136,19 @@ class Neighbours:
         size = global_max(problem.comm, float(np.abs(u).max(initial=0.0)))
         if size == 0:
             return [zeros(trial) for trial in given]
-        straight = self.parts.bodies.linear and not problem.loading.pressurised
+        straight = self.discretization.bodies.linear and not problem.loading.pressurised
         h = float(power_of_two(self._size / size)) if straight else MOVE * self._size / size
         before, factor, ends = here.array.copy(), problem.t, []
         for end in (h,) if straight else (h, -h):
             here.array[:] = before + end * u
             if t:
                 problem.loading.move(factor + end * t)
-            self.parts.update_means()
+            self.discretization.update_means()
             ends.append([active.trial() for active in self.actives])
         here.array[:] = before
         if t:
             problem.loading.move(factor)
-        self.parts.update_means()
+        self.discretization.update_means()
         lower, width = (given, h) if straight else (ends[1], 2 * h)
         return [difference(a, b, width) for a, b in zip(ends[0], lower, strict=True)]
 
@@ -174,7 +159,7 @@ class Neighbours:
             if active.law.inelastic:
                 forces.x.array[:] -= matrix @ rate.gap.ravel()
         forces.x.scatter_reverse(InsertMode.add)
-        return forces.x.array[: self.parts.owned].copy()
+        return forces.x.array[: self.discretization.owned].copy()
 
     @property
     def _tractions(self) -> list[csr_array]:
@@ -192,24 +177,18 @@ class Neighbours:
         values: Sequence[PointValues],
         here: Array,
     ) -> Array:
-        """dR/dp where tau_s or moduli change, owned dofs [N].
-
-        Args:
-            parameter: The parameter.
-            stabilizations, values: Their rates.
-            here: Forces of the interfaces in the present state.
-        """
+        """dR/dp where tau_s or moduli change, owned dofs [N]."""
         values = [replace(one, update=None) for one in values]
-        if not (parameter.of_body or self.parts.bodies.mean_dilatation):
+        if not (parameter.of_body or self.discretization.bodies.mean_dilatation):
             with self.interfaces(NEAR, None, values, stabilizations), parameter.changed(NEAR):
-                return (interface_forces(self.parts) - here) / NEAR
+                return (interface_forces(self.discretization) - here) / NEAR
         # Stresses are small differences of moduli: two neighbours, further away.
-        before, ends = self.parts.forces.x.array.copy(), []
+        before, ends = self.discretization.forces.x.array.copy(), []
         for h in (CHANGE, -CHANGE):
             with self.interfaces(h, None, values, stabilizations), parameter.changed(h):
-                ends.append(self.parts.assemble_residual(None).copy())
-        self.parts.forces.x.array[:] = before
-        self.parts.update_means(pressure=True)
+                ends.append(self.discretization.assemble_residual(None).copy())
+        self.discretization.forces.x.array[:] = before
+        self.discretization.update_means(pressure=True)
         return (ends[0] - ends[1]) / (2 * CHANGE)
 
     def load_rate(self, dt: float) -> Array:
@@ -219,14 +198,14 @@ class Neighbours:
         if not (loading.pressurised or loading.strained(ray.start, ray.end)):
             return at_owners(problem.space, ray.rate(loading.dead))
         t, change = loading.t, MOVE * (ray.end - ray.start)
-        before, ends = self.parts.forces.x.array.copy(), []
+        before, ends = self.discretization.forces.x.array.copy(), []
         points = [active.snapshot() for active in self.actives]
         for end in (t + change, t - change):
             loading.move(end)
-            ends.append(self.parts.assemble_residual(dt, False, loading.vector).copy())
+            ends.append(self.discretization.assemble_residual(dt, False, loading.vector).copy())
         loading.move(t)
         for active, state in zip(self.actives, points, strict=True):
             active.return_to(state)
-        self.parts.forces.x.array[:] = before
-        self.parts.update_means(pressure=True)
+        self.discretization.forces.x.array[:] = before
+        self.discretization.update_means(pressure=True)
         return -(ends[0] - ends[1]) / (2 * change)

@@ -71,7 +71,6 @@ class LawParameter(Parameter):
         self._laws: dict[float, list[tuple[Law, Law]]] = {}
 
     def _at(self, h: float) -> list[tuple[Law, Law]]:
-        """Laws of all active interfaces at their points and on their facets."""
         if h not in self._laws:
             self._laws[h] = [
                 (self._scaled(active.law, h), self._scaled(active.facets.law, h))
@@ -134,7 +133,6 @@ class BodyParameter(Parameter):
 
     @property
     def _names(self) -> tuple[str, ...]:
-        """Parameters of the material that change."""
         return ("mu", "lmbda") if self._field in _OF_LAME else (self._field,)
 
     @property
@@ -206,12 +204,6 @@ class _Place:
 
 
 def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) -> list[Parameter]:
-    """The parameters of these names, or of these with values other than their own.
-
-    Raises:
-        ValueError: there is no such parameter, or its value is zero.
-        TypeError: names are not a list of text.
-    """
     texts = not isinstance(names, str) and all(isinstance(name, str) for name in names)
     if not texts or not len(names):
         raise TypeError(
@@ -238,7 +230,6 @@ def parameters_of(problem: Problem, names: Sequence[str] | Mapping[str, float]) 
 
 
 def parameter_names(problem: Problem) -> list[str]:
-    """Names of all parameters of a problem."""
     return [f"{place}.{field}" for place, one in _places(problem).items() for field in one.fields]
 
 
@@ -259,7 +250,6 @@ def other_parameters(problem: Problem, names: Sequence[str]) -> list[Parameter]:
 
 
 def _places(problem: Problem) -> dict[str, _Place]:
-    """All names before the dot."""
     places: dict[str, _Place] = {}
     by_class: dict[str, list[int]] = {}
     for i, name in enumerate(interface_names(problem.interfaces)):
@@ -308,5 +298,4 @@ def _of_laws(problem: Problem, numbers: Sequence[int]) -> _Place:
 
 
 def _differs(value: Any) -> bool:
-    """Whether a parameter is a number, or numbers that vary, rather than a word or a switch."""
     return not (value is None or isinstance(value, bool | str))

@@ -102,7 +102,6 @@ class PointRates:
             self._slopes.append(replace(slope, gap=C[..., j], traction=traction))
 
     def at_rest(self) -> list[PointValues]:
-        """Of every parameter at fixed displacement."""
         return [self._point_values(k, rate) for k, rate in enumerate(self._rates)]
 
     def along(self, moves: Sequence[Trial]) -> list[PointValues]:
@@ -121,7 +120,6 @@ class PointRates:
         return self._update(move, k).softening
 
     def _update(self, move: Trial, k: int | None) -> Update:
-        """Of the return map, as :meth:`softening`."""
         ways = _load_rate(self._given, move) / self._size[:, None]
 
         def sum_of(*parts: Array) -> Array:
@@ -157,7 +155,6 @@ def _without_tangents(update: Update) -> Update:
 
 
 def _changing(active: ActiveInterface, changes: Sequence[Change]) -> NDArray[np.intp]:
-    """Points other than those that are intact and stay so."""
     update, history = active.values.update, active.history
     moves = update.tangent.any(axis=(1, 2)) | update.gap.any(axis=1) | history.gap.any(axis=1)
     moves |= (update.softening > 0) | (update.mode != history.mode)
@@ -217,7 +214,6 @@ def _mapped(law: Law, arguments: Sequence[Array], dt: float, *cycles: Array) -> 
 
 
 def _alike(law: Law, laws: Sequence[Law]) -> list[list[int]]:
-    """Laws that differ from one law by parameters that may vary from point to point, together."""
     fixed = [name for name in parameter_names(law) if not (_joins(law) and name in VARYING)]
     groups: dict[tuple, list[int]] = {}
     for i, one in enumerate(laws):
@@ -226,7 +222,6 @@ def _alike(law: Law, laws: Sequence[Law]) -> list[list[int]]:
 
 
 def _joins(law: Law) -> bool:
-    """Whether parameters may be arrays: a law from elsewhere may know numbers only."""
     return bool(law.varying) or type(law).__module__.startswith(_LAWS)
 
 
@@ -243,7 +238,6 @@ def _joined(law: Law, laws: Sequence[Law], count: int, rows: NDArray[np.intp]) -
 
 
 def _write(update: Update, found: Update, rows: NDArray[np.intp], part: slice) -> None:
-    """Copy a part of a return map into some rows of another one."""
     for field in fields(Update):
         mine, theirs = getattr(update, field.name), getattr(found, field.name)
         if mine is not None and theirs is not None:

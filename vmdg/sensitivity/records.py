@@ -59,7 +59,6 @@ def zeros(record: Record) -> Record:
 
 
 def plus(record: Record, other: Record) -> Record:
-    """The sum of two records."""
     return combined(np.add, record, other)
 
 

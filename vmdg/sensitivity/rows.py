@@ -22,12 +22,7 @@ FAR = 1e-4
 
 
 class Rows:
-    """Derivatives of rows by parameters; all methods are collective.
-
-    Args:
-        neighbours: Of the problem.
-        parameters: The parameters.
-    """
+    """Derivatives of rows by parameters; all methods are collective."""
 
     def __init__(self, neighbours: Neighbours, parameters: Sequence[Parameter]):
         self._neighbours, self._problem = neighbours, neighbours.problem
@@ -76,7 +71,6 @@ class Rows:
             ledger.works = works
 
     def works(self, parameter: Parameter, rate: Rate, last: Rate, h: float, before: Works) -> Works:
-        """Works at a neighbouring value of the parameter, up to the end of the step."""
         problem, ledger = self._problem, self._problem.step.ledger
         start, loads = ledger.begun
         t = start.t + h * last.t

@@ -33,8 +33,8 @@ class StabilizationRates:
     """Rates of tau_s and delta of all interfaces of a problem; all methods are collective."""
 
     def __init__(self, problem: Problem):
-        self._problem, self._parts = problem, problem.discretization
-        self._actives = list(self._parts.active.values())
+        self._problem, self._discretization = problem, problem.discretization
+        self._actives = list(self._discretization.active.values())
 
     def first(self, parameter: Parameter) -> list[Stabilization]:
         """Rates of tau_s and delta in the initial state."""
@@ -50,7 +50,7 @@ class StabilizationRates:
     ) -> list[list[Stabilization]]:
         """Rates of tau_s and delta of the step by every parameter, which are those of its start."""
         before = [[one.stabilization for one in rate.interfaces] for rate in rates]
-        if self._parts.constant_stabilization:
+        if self._discretization.constant_stabilization:
             return [list(map(_in_forms, self._actives, one)) for one in before]
         start, applied = self._problem.step.start, [one.stabilization for one in self._actives]
         floors = [one.stabilization.norm for one in start.interfaces]
@@ -72,7 +72,7 @@ class StabilizationRates:
             active.values = one
         self._problem.u.x.array[:] = u
         loading.move(t)
-        self._parts.update_means(pressure=True)
+        self._discretization.update_means(pressure=True)
         return [
             list(map(_in_forms, self._actives, map(_where_own, end, applied, last)))
             for end, last in zip(ends, before, strict=True)
@@ -95,7 +95,7 @@ class StabilizationRates:
         here.array[:] = before + h * u
         bounds = [low + h * rate.norm for low, rate in zip(floors, rates, strict=True)]
         with parameter.changed(h):
-            found = stabilization_anew(self._parts, bounds, bodies, risen)
+            found = stabilization_anew(self._discretization, bounds, bodies, risen)
         here.array[:] = before
         return found
 

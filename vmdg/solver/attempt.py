@@ -44,13 +44,10 @@ class Attempt:
 
     @property
     def iterations(self) -> int:
-        """Newton corrections after the predictor."""
         return max(len(self.norms) - 1, 0)
 
     def failed(self, reason: str) -> Attempt:
-        """The same attempt, marked as failed for a reason."""
         return replace(self, converged=False, reason=reason)
 
     def going(self, ahead: Direction | None) -> Attempt:
-        """The same attempt with another change."""
         return replace(self, ahead=ahead)

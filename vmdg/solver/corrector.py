@@ -58,7 +58,6 @@ class Corrector:
 
     @property
     def system(self) -> System:
-        """Its linear systems."""
         return self._system
 
     @property
@@ -172,7 +171,9 @@ class _Newton:
             self._follow(iterate.place(), self._correct(-iterate.forces()))
         elif last is None or last.ahead is None or not self._extrapolate(last):
             self._along_tangent(anew=last is None or last.ahead is None)
-        self._guessed = iterate.reach()._replace(way=global_norm(self._comm, iterate.moved()))
+        self._guessed = iterate.reach()._replace(
+            arc_length=global_norm(self._comm, iterate.moved())
+        )
 
     def _along_tangent(self, anew: bool) -> None:
         """Predict along the tangent; if crack faces overlap then, with closing points sticking."""
@@ -192,7 +193,7 @@ class _Newton:
         left, way = limits.target - limits.start, global_norm(self._comm, ahead.u)
         if ahead.t * left < 0 and last.work == 0:
             return False
-        ratios = ((left, ahead.t), (limits.work, last.work), (limits.way, way))
+        ratios = ((left, ahead.t), (limits.work, last.work), (limits.arc_length, way))
         length = min((x / done for x, done in ratios if x * done > 0), default=math.inf)
         if length >= 1 / self._numbers.cut:
             return False
@@ -264,7 +265,6 @@ class _Newton:
         return np.append(self._iterate.forces(), 0.0)
 
     def correction(self, residual: Array) -> Array:
-        """By block elimination."""
         return -packed(self._correct(-residual[:-1]))
 
     def product(self, way: Array) -> Array:
@@ -283,7 +283,6 @@ class _Newton:
         return length
 
     def test(self, norm: float) -> int:
-        """Convergence at the end of the step, or stagnation."""
         reaction = self._iterate.reaction()
         self._norms.append(norm)
         if not np.isfinite(norm + reaction):
@@ -314,7 +313,6 @@ class _Newton:
         return max(min(goal, self._numbers.small * scales.reaction), floor)
 
     def _met(self) -> bool:
-        """Whether an equilibrium is at the end of the step."""
         limits, now, missed = self._iterate.limits, self._iterate.reach(), self._numbers.missed
         if not self._iterate.parameter.moves or limits.target == limits.start:
             return True
@@ -322,5 +320,8 @@ class _Newton:
             return now.work <= limits.onset
         if (now.t - limits.target) * limits.toward > 0 or now.work > (1 + missed) * limits.work:
             return False
-        there = now.work >= (1 - missed) * limits.work or now.way >= (1 - missed) * limits.way
+        there = (
+            now.work >= (1 - missed) * limits.work
+            or now.arc_length >= (1 - missed) * limits.arc_length
+        )
         return there or now.t == limits.target

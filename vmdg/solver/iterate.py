@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import power_of_two
 from ..base.parallel import global_any, global_max, global_norm, global_sum
 from ..base.timers import timer
-from ..base.units import power_of_two
 from ..interface.active import total_in_frame
 from ..linear.system import System
 from ..problem.problem import Problem
@@ -30,7 +30,7 @@ INCREMENT = 1e-7
 
 #: Rate of the damage work that counts as rounding, relative to that of points whose trial traction
 #: changes by r times the largest displacement.
-UNFELT = 1e-8
+NEGLIGIBLE_RATE = 1e-8
 
 
 class Iterate:
@@ -76,7 +76,6 @@ class Iterate:
     # Moves
 
     def place(self) -> Direction:
-        """Current displacement and parameter."""
         return Direction(self._problem.u.x.array[: self._owned].copy(), self.parameter.value)
 
     def visit(self, place: Direction) -> None:
@@ -87,7 +86,6 @@ class Iterate:
         self._discretization.update_means()
 
     def restart(self, limits: Limits) -> None:
-        """Return to the start, with zeta fixed again."""
         self.limits, self._mapped = limits, None
         self.visit(self.start)
         self._step.assemble_residual(self._dt, hold=True)
@@ -141,7 +139,6 @@ class Iterate:
         return onset
 
     def _begun(self, start: Direction, way: Direction, length: float) -> Names:
-        """The sound pieces in which damage has begun at a state."""
         self.map(start.plus(way, length))
         return self._pieces.begun(self.sound.points)
 
@@ -174,7 +171,6 @@ class Iterate:
 
     @property
     def _limited(self) -> Points:
-        """The points whose damage work is limited; empty for all."""
         return self.sound.points if self.limits.at_onset else self.sound.counted
 
     # Quantities
@@ -184,18 +180,16 @@ class Iterate:
         return self._problem.u.x.array[: self._owned] - self.start.u
 
     def reach(self) -> Reach:
-        """How far the step has come."""
         way = 0.0
         if self.along is not None:
             way = float(global_sum(self._comm, self.moved() @ self.along))
         return Reach(self.parameter.value, self._work(), way)
 
     def rates(self, direction: Direction, work: float = 0.0) -> Reach:
-        """Rates of the limits along a direction, with additional work."""
         along = 0.0 if self.along is None else direction.u @ self.along
-        done, felt, along = global_sum(self._comm, [*self._work_along(direction), along])
+        done, size_of_rate, along = global_sum(self._comm, [*self._work_along(direction), along])
         # Where the last bonds have come off, its sign would be chance, and with it the direction.
-        done = done if abs(done) > UNFELT * felt else 0.0
+        done = done if abs(done) > NEGLIGIBLE_RATE * size_of_rate else 0.0
         return Reach(direction.t, done + work, along)
 
     def _work_along(self, direction: Direction) -> tuple[float, float]:
@@ -214,9 +208,9 @@ class Iterate:
         largest = max((np.abs(G).max(initial=0.0) for G in gradients), default=0.0)
         if size == 0 or global_max(self._comm, float(largest)) == 0:
             return 0.0, 0.0
-        parts, here, work, felt = self._discretization, self.place(), 0.0, 0.0
+        discretization, here, work, size_of_rate = self._discretization, self.place(), 0.0, 0.0
         farthest = global_max(self._comm, float(np.abs(direction.u).max(initial=0.0)))
-        straight = parts.bodies.linear and not self._loading.pressurised
+        straight = discretization.bodies.linear and not self._loading.pressurised
         # If it is exact for any h, a direction is added at the size of the mesh: then rounding
         # depends neither on its length nor on the unit of the load factor.
         h = float(power_of_two(self._size / size)) if straight else INCREMENT * self._size / size
@@ -224,7 +218,7 @@ class Iterate:
             interfaces = self._pieces.interfaces
             before = [total_in_frame(active) for active in interfaces]
             self.visit(here.plus(direction, h))
-            if bodies := parts.bodies.points:
+            if bodies := discretization.bodies.points:
                 bodies.extrapolate(bodies.deformation(self._problem.u))
             for active, G, q in zip(interfaces, gradients, before, strict=True):
                 kept = active.quadrature.kept
@@ -232,12 +226,12 @@ class Iterate:
                 weights = active.quadrature.weights[kept]
                 r = active.stabilization.norm[active.quadrature.facet[kept]]
                 work += weights @ change
-                felt += (weights * r) @ np.linalg.norm(G, axis=1) * farthest
+                size_of_rate += (weights * r) @ np.linalg.norm(G, axis=1) * farthest
             self.visit(here)
             if bodies:
                 bodies.take(bodies.state)
-        thickness = float(parts.geometry.thickness)
-        return thickness * work, thickness * felt
+        thickness = float(discretization.geometry.thickness)
+        return thickness * work, thickness * size_of_rate
 
     def forces(self) -> Array:
         """Residual on owned dofs, without reactions of supports and rigid faces [N]."""
@@ -248,10 +242,10 @@ class Iterate:
 
     def reaction(self) -> float:
         """Norm of reactions, including those of springs, and of forces on means [N]."""
-        parts, loading = self._discretization, self._loading
-        forces = parts.forces.x.array[: self._owned]
+        discretization, loading = self._discretization, self._loading
+        forces = discretization.forces.x.array[: self._owned]
         held = forces - loading.balance(forces.copy())
-        if parts.means is not None:
-            dofs = parts.means.owned_dofs
+        if discretization.means is not None:
+            dofs = discretization.means.owned_dofs
             held[dofs] = forces[dofs] + loading.vector[dofs]
-        return global_norm(self._comm, np.append(held, parts.surface.spring_forces()))
+        return global_norm(self._comm, np.append(held, discretization.surface.spring_forces()))

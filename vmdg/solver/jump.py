@@ -44,7 +44,7 @@ def jump(
     if not found.converged:
         step.return_to(limit)
         return found, count
-    ledger.hold_loads(limit)
+    ledger.keep_loads_constant(limit)
     # Not negative.
     after = ledger.energy()
     charged = after.viscosity - before.viscosity
@@ -53,7 +53,6 @@ def jump(
 
 
 def _moved(steps: Steps, t: float, most: float) -> tuple[Attempt, int]:
-    """The last attempt and the number of attempts of a jump from the current state."""
     step, numbers, cuts_allowed = steps.problem.step, steps.options.path, steps.options.max_cuts
     small = steps.problem.discretization.bodies.linear
     found, last, by, count, cuts, idle = Attempt(converged=False), None, Jump(t), 0, 0, 0

@@ -60,7 +60,7 @@ def limit_point(
         if height - best.height <= small:
             break
         # The state beyond is the predictor.
-        ahead, start = left.state.way_to(right.state), left.state.t
+        ahead, start = left.state.change_to(right.state), left.state.t
         step.return_to(left.state)
         limits = Limits(start, start + way, abs(way), work=work - left.work)
         shown = Attempt(work=right.work - left.work, ahead=ahead and Direction(*ahead))

@@ -45,7 +45,6 @@ def packed(place: Direction) -> NDArray[np.float64]:
 
 
 def unpacked(x: NDArray[np.float64]) -> Direction:
-    """The inverse of :func:`packed`, a copy."""
     return Direction(x[:-1].copy(), float(x[-1]))
 
 
@@ -54,12 +53,12 @@ class Reach(NamedTuple):
 
     Attributes:
         work: Damage work [N mm].
-        way: Arc length: displacement along the path tangent at the start of the step [mm].
+        arc_length: Displacement along the path tangent at the start of the step [mm].
     """
 
     t: float = 0.0
     work: float = 0.0
-    way: float = 0.0
+    arc_length: float = 0.0
 
 
 class Jump(NamedTuple):
@@ -81,7 +80,7 @@ class Limits:
         span: Size of the stage, the largest change of the parameter in a correction.
         onset: Damage work below which damage counts as starting; 0 to ignore this [N mm].
         work: Damage work [N mm].
-        way: Arc length [mm].
+        arc_length: Arc length [mm].
     """
 
     start: float
@@ -89,18 +88,16 @@ class Limits:
     span: float
     onset: float = 0.0
     work: float = math.inf
-    way: float = math.inf
+    arc_length: float = math.inf
     jump: Jump | None = None
 
     def __str__(self) -> str:
-        """Description of the limits other than the target."""
-        work, way = f"{self.work:.4g} N mm on bonds", f"{self.way:.4g} mm"
-        parts = [text for text, x in ((work, self.work), (way, self.way)) if x < math.inf]
+        work, way = f"{self.work:.4g} N mm on bonds", f"{self.arc_length:.4g} mm"
+        parts = [text for text, x in ((work, self.work), (way, self.arc_length)) if x < math.inf]
         return f"at most {' and '.join(parts)}" if parts else "by load"
 
     @property
     def length(self) -> float:
-        """Distance to the target."""
         return abs(self.target - self.start)
 
     @property
@@ -110,12 +107,10 @@ class Limits:
 
     @property
     def by_load_alone(self) -> bool:
-        """Whether the parameter is the only limit."""
-        return self.work == self.way == math.inf
+        return self.work == self.arc_length == math.inf
 
     @property
     def at_onset(self) -> bool:
-        """Whether the step ends at the onset of damage."""
         return self.work < self.onset
 
     def ending_at_onset(self) -> Limits:
@@ -128,12 +123,12 @@ class Limits:
         Forward is the direction of increasing damage work, otherwise of the arc length if it is
         limited, otherwise towards the target.
         """
-        way = one.way if self.way < math.inf else 0.0
+        way = one.arc_length if self.arc_length < math.inf else 0.0
         forward = math.copysign(1.0, one.work or way or self.toward)
         left, found = self.target - now.t, []
         for limit, done, more, rate in (
             (self.work, now.work, zero.work, one.work),
-            (self.way, now.way, zero.way, one.way),
+            (self.arc_length, now.arc_length, zero.arc_length, one.arc_length),
         ):
             if rate * forward > 0 and limit < math.inf:
                 # A quantity with a small rate does not determine the length.

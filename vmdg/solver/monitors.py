@@ -34,13 +34,7 @@ def row_of(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
 
 
 def watched_row(problem: Problem, monitor: Monitor | None) -> dict[str, Any]:
-    """The values returned by a monitor for a row of the history; collective.
-
-    Raises:
-        TypeError: it is no dict, or a column is no number.
-        ValueError: columns or values differ between ranks, or the monitor has changed the problem.
-        Exception: raised by the monitor on any rank; then on all ranks.
-    """
+    """The values returned by a monitor for a row of the history; collective."""
     if monitor is None:
         return {}
     row = _unchanged(problem, "the monitor", lambda: _numbers(monitor(problem)))
@@ -75,11 +69,6 @@ def differentiable_energies(problem: Problem) -> dict[str, float]:
 
 
 def check_functions(**functions: Monitor | Until | None) -> None:
-    """Check before a run that functions are callable.
-
-    Raises:
-        TypeError: one is not a function.
-    """
     for name, given in functions.items():
         if given is not None and not callable(given):
             raise TypeError(
@@ -89,13 +78,7 @@ def check_functions(**functions: Monitor | Until | None) -> None:
 
 
 def ends(problem: Problem, until: Until | None) -> bool:
-    """Whether any rank stops the run; collective.
-
-    Raises:
-        TypeError: it does not return True or False.
-        ValueError: it has changed the problem.
-        Exception: raised by the function on any rank; then on all ranks.
-    """
+    """Whether any rank stops the run; collective."""
 
     def answer() -> bool:
         value = until(problem)
@@ -132,11 +115,6 @@ def _unchanged(problem: Problem, what: str, call: Callable[[], T]) -> T:
 
 
 def _numbers(row: Any) -> dict[str, Any]:
-    """The row of a monitor, with UFL constants replaced by their values.
-
-    Raises:
-        TypeError: it is no dict, or a column is no number.
-    """
     if row is None:
         return {}
     if not isinstance(row, Mapping):

@@ -97,7 +97,6 @@ class Pieces:
         return self._thickness * float(global_sum(self._comm, work))
 
     def _of(self, points: Points) -> Names:
-        """Names of the pieces of some points on any rank."""
         named = [name[mask] for name, mask in zip(self._names, points, strict=True)]
         here = np.unique(np.concatenate(named)) if named else np.zeros(0, dtype=np.int64)
         return np.unique(np.concatenate(self._comm.allgather(here)))

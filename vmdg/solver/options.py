@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ..base.words import near_keywords
 from ..linear.ksp import Petsc
 
 CONTROLS, UNSTABLE = ("auto", "load", "dissipation"), ("jump", "trace")
@@ -54,7 +53,6 @@ VALUES = {
 
 
 def _petsc_option(item: tuple[object, object]) -> bool:
-    """Whether these are the name and the value of an option."""
     name, value = item
     return isinstance(name, str) and bool(name) and isinstance(value, str | Real | None)
 
@@ -142,16 +140,6 @@ class PathOptions:
         return self.growth if slides else min(self.aim / max(corrections, 1), self.growth)
 
 
-@near_keywords(
-    rtol="relative_tolerance",
-    snes_rtol="relative_tolerance",
-    tolerance="relative_tolerance",
-    tol="relative_tolerance",
-    max_it="max_iterations",
-    snes_max_it="max_iterations",
-    maxiter="max_iterations",
-    solver_options="petsc",
-)
 @dataclass(frozen=True, kw_only=True)
 class SolveOptions:
     """Options of a run, keyword only.

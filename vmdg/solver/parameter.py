@@ -43,7 +43,6 @@ class Parameter:
 
     @property
     def value(self) -> float:
-        """Current value."""
         return self._loading.t
 
     def move(self, value: float) -> None:
@@ -60,11 +59,9 @@ class LoadFactor(Parameter):
     moves = True
 
     def move(self, value: float) -> None:
-        """Set loads and supports."""
         self._loading.move(value)
 
     def rate(self, moved: Array) -> Rate:
-        """Derivatives of loads and supports."""
         return Rate(self._step.load_rate(), self._loading.rate())
 
 
@@ -81,23 +78,19 @@ class Overstress(Parameter):
 
     @property
     def drag(self) -> float:
-        """s c."""
         return self._share * self.value
 
     def move(self, value: float) -> None:
-        """Change s."""
         self.value = value
         self._step.slow_down(value)
 
     def rate(self, moved: Array) -> Rate:
-        """Derivatives of bonds and bodies."""
         forces, work = self._step.overstress_rate(self.value)
         bodies = self._loading.balance(-self._share * self._system.norm * moved)
         return Rate(forces + bodies, np.zeros_like(forces), work)
 
 
 def parameter_of(problem: Problem, system: System, limits: Limits) -> Parameter:
-    """The parameter of a step with these limits."""
     if limits.jump is not None:
         return Overstress(problem, system, limits)
     return Parameter(problem) if problem.loading.ray is None else LoadFactor(problem)

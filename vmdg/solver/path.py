@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from ..base.parallel import global_norm, global_sum, warn_together
+from ..checks.supports import bonds, hanging_piece, stabilize_pieces
 from ..problem.states import Snapshot
-from ..problem.supports import bonds, hanging_piece, hold_pieces
 from .attempt import Attempt
 from .jump import jump
 from .limit_point import limit_point
@@ -52,7 +52,6 @@ class Stage:
 
     @property
     def span(self) -> float:
-        """Size of the stage."""
         return abs(self.target - self.start)
 
     def ahead(self, t: float, other: float) -> float:
@@ -67,7 +66,6 @@ class Stage:
         return replace(self, leapt=leapt, traces=self.traces or len(leapt) > numbers.patience)
 
     def done(self, t: float) -> float:
-        """Completed fraction of the stage."""
         if t == self.target:
             return 1.0
         return min(max((t - self.start) / (self.target - self.start), 0.0), 1.0)
@@ -78,11 +76,11 @@ class Size:
     """Size limits of the next step, other than the damage work.
 
     Attributes:
-        way: Arc length [mm].
+        arc_length: Arc length [mm].
         idle: Number of steps without progress since the last one with damage.
     """
 
-    way: float = math.inf
+    arc_length: float = math.inf
     stride: float = math.inf
     last: Attempt | None = None
     idle: int = 0
@@ -123,9 +121,6 @@ class Path:
 
         Beyond a limit point steps are buffered until it is clear whether it is a real snap: they
         become rows if the load exceeds it again, as when points break one by one.
-
-        Raises:
-            StepFailure: a step fails after the maximum number of reductions.
         """
         problem, step = self._problem, self._problem.step
         stage, crest = self._set_out(target), Crest()
@@ -166,13 +161,11 @@ class Path:
         return damage_twice(before, crest.limit, states)
 
     def _rows(self, kept: list[tuple[Part, Snapshot]]) -> Iterator[Part]:
-        """Buffered steps."""
         for part, state in kept:
             self._problem.step.return_to(state)
             yield part
 
     def _set_out(self, target: float) -> Stage:
-        """The stage to a load factor."""
         problem, loading, options = self._problem, self._problem.loading, self._options
         start, step, steps = problem.t, problem.step, self._steps
         step.set_out()
@@ -215,11 +208,11 @@ class Path:
             if cuts > most_cuts and found.reason == "UNSTABLE":
                 # Without an imperfection the body stays on this path.
                 self._lose(start)
-                cuts, limits = 0, replace(limits, way=math.inf)
+                cuts, limits = 0, replace(limits, arc_length=math.inf)
             opened = problem.discretization is not before.discretization
             if last and (opened or 2 * cuts > most_cuts):
                 last = last.going(None)
-            if hold_pieces(problem):
+            if stabilize_pieces(problem):
                 cuts = 0
                 continue
             # A step at constant load cannot be cut.
@@ -243,7 +236,6 @@ class Path:
         return Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0)
 
     def _limits(self, stage: Stage) -> Limits:
-        """Limits of a first attempt."""
         size, scales = self._size, self._problem.step.scales
         limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
         if stage.follows:
@@ -252,7 +244,7 @@ class Path:
                 # progress.
                 return limits
             work = scales.work if scales.breaking else math.inf
-            return replace(limits, work=work, way=size.way)
+            return replace(limits, work=work, arc_length=size.arc_length)
         stride = size.stride
         if self._steps.cyclic and stride == math.inf:
             stride = self._steps.first_stride
@@ -274,16 +266,16 @@ class Path:
         numbers, gone = self._numbers, found.guessed
         if late > 0:
             # With contact and friction, bonds may break without damage work as a suitable control.
-            by_load = replace(limits, target=stage.target, work=math.inf, way=math.inf)
+            by_load = replace(limits, target=stage.target, work=math.inf, arc_length=math.inf)
             return self._strode(by_load, stage.span * numbers.cut**late)
         if stage.follows:
             # Of what the predictor did, bonds that break limit the step by their work, otherwise
             # the arc length does.
-            work, way = min(gone.work, limits.work, stage.most), limits.way
+            work, way = min(gone.work, limits.work, stage.most), limits.arc_length
             if work <= limits.onset:
-                work, way = limits.work, min(way, gone.way or math.inf)
+                work, way = limits.work, min(way, gone.arc_length or math.inf)
             work, way = max(numbers.cut * work, limits.onset), numbers.cut * way
-            limits = replace(limits, work=work, way=way)
+            limits = replace(limits, work=work, arc_length=way)
             if not limits.by_load_alone:
                 return limits
         share = 0.5
@@ -298,7 +290,7 @@ class Path:
         step, t = self._problem.step, self._problem.t
         slides = self._problem.discretization.slides
         growth = numbers.growth_after(found.iterations, slides)
-        way = growth * limits.way
+        way = growth * limits.arc_length
         if not cuts and way > global_norm(self._problem.comm, found.ahead.u) / numbers.cut:
             way = math.inf
         work = max(growth * min(limits.work, step.scales.work), limits.onset)

@@ -33,7 +33,6 @@ class Progress:
         )
 
     def attempted(self, limits: Limits, attempt: Attempt) -> None:
-        """Report a converged or failed step."""
         if not self._speaks:
             return
         if self._options.verbose:
@@ -87,7 +86,6 @@ class Progress:
 
 
 def described(start: float, limits: Limits, attempt: Attempt) -> str:
-    """Description of an attempt of a step: its limits, residual norms and outcome."""
     jump = limits.jump
     slowed = f" with an overstress of {attempt.end:.3g} H" if jump else ""
     norms = " ".join(f"{norm:.3e}" for norm in attempt.norms)

@@ -47,7 +47,6 @@ class Counts:
         return cls(**counts, krylov=krylov)
 
     def __str__(self) -> str:
-        """The nonzero counts in a line."""
         done = {name.replace("_", " "): number for name, number in asdict(self).items() if number}
         return ", ".join(f"{number} {name}" for name, number in done.items())
 
@@ -105,7 +104,6 @@ class Result:
         return f"<Result: {self._head()}; {self.counts}>"
 
     def _repr_html_(self) -> str:
-        """For notebooks: the work, what failed, and the history."""
         failures = html_table(("load", "failed attempt"), self.failures) if self.failures else ""
         return f"<p>{self._head()}; {self.counts}</p>{failures}{self.history._repr_html_()}"
 

@@ -13,8 +13,7 @@ from ..assembly.means import lattice_of
 from ..base.agreement import Interrupt, leave_together, same_arguments
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import claim_checkpoint, warn_of_replacement, write_checkpoint
-from ..output.axial import AxialMotion
-from ..output.cell import PeriodicCell
+from ..output.cell import AxialMotion, PeriodicCell
 from ..output.history import History, HistoryFile
 from ..problem.problem import Problem
 from ..problem.states import RunScales, Snapshot

@@ -9,9 +9,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..base.texts import in_full
+from ..checks.model import check_model, checked_loads
 from ..linear.features import switchboard
 from ..output.history import History
-from ..problem.checks import check_model, checked_loads
 from ..problem.problem import Problem
 from ..sensitivity.checks import check_differentiable
 from ..sensitivity.derivatives import Derivatives
@@ -118,7 +118,6 @@ def _row(
     result: Result,
     derivatives: Derivatives | None,
 ) -> dict[str, Any]:
-    """The row of a converged step."""
     number = len(result.history) + 1
     row, more = common_columns(problem, "load [-]", part.attempt, number, part.cuts, options.energy)
     row |= {"jump_steps [-]": part.jumps} | more

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..assembly.discretization import carried
+from ..checks.model import rated
 from ..interface.activation import OPENS, REPEATS_STEP, Utilization
-from ..problem.checks import rated
 from ..problem.problem import Problem
 from ..sensitivity.derivatives import Derivatives
 from .attempt import Attempt
@@ -126,7 +126,6 @@ class Steps:
         return found
 
     def _differentiate(self, limits: Limits, found: Attempt) -> None:
-        """Carry derivatives over a converged step."""
         if self._derivatives is None:
             return
         if limits.jump:
@@ -136,7 +135,6 @@ class Steps:
         self._derivatives.advance(self._corrector.system, follows, found.onset, self._dt)
 
     def _opened(self, utilization: Utilization, last: Attempt | None) -> Attempt | None:
-        """Open facets; every cell keeps its extrapolation of the last step."""
         before, step = self.problem.discretization, self.problem.step
         if not step.open_facets(utilization) or last is None or last.ahead is None:
             return last

@@ -22,12 +22,12 @@ def turn(problem: Problem, most: float) -> bool:
         False, without changes, if it is not, at small strain, with rigid faces, which cannot rotate
         so far, or with unknown means: the mean gradient of a periodic cell contains the rotation.
     """
-    parts, loading = problem.discretization, problem.loading
-    apart = loading.rigid or parts.means is not None
-    if parts.bodies.small or apart or isinstance(parts.geometry, Axisymmetric):
+    discretization, loading = problem.discretization, problem.loading
+    apart = loading.rigid or discretization.means is not None
+    if discretization.bodies.small or apart or isinstance(discretization.geometry, Axisymmetric):
         return False
-    space, d = parts.space, parts.space.dofmap.index_map_bs
-    u, owned = problem.u.x.array, parts.owned
+    space, d = discretization.space, discretization.space.dofmap.index_map_bs
+    u, owned = problem.u.x.array, discretization.owned
     held = loading.owned_prescribed
     target = u.copy()
     target[loading.prescribed] = loading.prescribed_values(problem.t)

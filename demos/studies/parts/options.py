@@ -37,11 +37,6 @@ def run(main: Callable[..., Any], arguments: list[str] | None = None) -> None:
 
 
 def parser(main: Callable[..., Any]) -> ArgumentParser:
-    """The parser of a demo.
-
-    Raises:
-        ValueError: an argument of ``main`` is not described.
-    """
     module = sys.modules[main.__module__]
     command = ArgumentParser(
         prog=os.path.basename(module.__file__).removesuffix(".py"),
@@ -57,7 +52,6 @@ def parser(main: Callable[..., Any]) -> ArgumentParser:
 
 
 def add(command: ArgumentParser, name: str, kind: Any, default: Any, text: str) -> None:
-    """Add the option of one argument."""
     choices = None
     if get_origin(kind) is Annotated:
         kind, choices = get_args(kind)

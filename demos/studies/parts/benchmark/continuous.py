@@ -33,14 +33,12 @@ class Plain:
     """Bodies without interfaces, or with springs between them.
 
     Args:
-        tagged: Mesh and tags of the bodies.
         springs: Stiffness K [MPa/mm] with which the bodies are tied, T = K g; None for a continuous
             displacement.
         loads: Body force of every tag [N/mm3].
 
     Attributes:
         u: Displacement [mm].
-        matrix: Tangent.
         forces: Internal minus external forces, at ghosts a share of them [N].
         iterations: Of Newton's method in the last :meth:`solve`.
     """
@@ -142,9 +140,6 @@ class Plain:
             tolerance: Of the residual relative to all forces on prescribed dofs.
             given: Displacement of the prescribed dofs, to which the first correction moves them;
                 None leaves them where they are [mm].
-
-        Raises:
-            RuntimeError: it does not converge.
         """
         ksp = make_ksp(self.matrix, options)
         x, b = self.matrix.createVecs()

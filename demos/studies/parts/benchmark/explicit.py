@@ -44,11 +44,7 @@ class Cost:
 
 
 def measure(cell: str, n: int, kinematics: str, law: str, steps: int, repeats: int) -> Cost:
-    """Time steps of a body of two cubes of ``n`` cells an edge.
-
-    Args:
-        repeats: Rows, of which the fastest counts.
-    """
+    """Time steps of a body of two cubes of ``n`` cells an edge."""
     d = DIMENSION[cell]
     mesh, tags, _ = layers(cell, (*(n,) * (d - 1), 2 * n), (*(1.0,) * (d - 1), 2.0), n)
     body, law_ = vmdg.NeoHookean(E=1.0, nu=0.3), LAWS[law]

@@ -196,7 +196,6 @@ def _errors(
 def measure(
     shape: str, cell: str, degree: int, n: int, contrast: float, laws: Sequence[vmdg.Law]
 ) -> list[Excess]:
-    """One mesh with every law."""
     materials = (vmdg.NeoHookean(E=1e3 * contrast, nu=0.3), vmdg.NeoHookean(E=1e3, nu=0.3))
     tagged = _mesh(shape, cell, degree, n)
     exact = Exact(_FIELDS[shape](tagged.mesh, materials), ufl.zero())

@@ -139,7 +139,6 @@ class Multigrid:
 
 
 def iteration(problem: vmdg.Problem, direct: bool) -> dict[str, Callable]:
-    """The parts of an iteration at the displacement of a problem."""
     parts, held = problem.discretization, problem.loading.prescribed
     matrix = parts.create_matrix(PETSc.Mat.Type.AIJ if direct else PETSc.Mat.Type.BAIJ)
     matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
@@ -163,7 +162,6 @@ def iteration(problem: vmdg.Problem, direct: bool) -> dict[str, Callable]:
 
 
 def unknowns(problem: vmdg.Problem) -> int:
-    """Of all ranks."""
     return problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
 
 
@@ -376,7 +374,6 @@ def _layered(cell: str, law: str, n: int, separate: bool) -> vmdg.Problem:
 
 
 def _apart(cell: str, n: int) -> TaggedMesh:
-    """The two layers with meshes of their own."""
     d, parts = DIMENSION[cell], []
     for below in (n // 2, 0):
         part = layers(cell, (*(n,) * (d - 1), n // 2), (*(1.0,) * (d - 1), 0.5), below)

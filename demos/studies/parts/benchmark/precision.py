@@ -140,12 +140,10 @@ HEAD = (
 
 
 def key(point: Point) -> tuple[str, int, int]:
-    """What is solved."""
     return point.cell, point.degree, point.n
 
 
 def records(points: Sequence[Point]) -> list[dict]:
-    """For a CSV file."""
     return [asdict(point) for point in points]
 
 

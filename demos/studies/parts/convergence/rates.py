@@ -349,7 +349,6 @@ def summary(rows: Sequence[Row]) -> str:
 
 
 def write_csv(rows: Sequence[Row], path: Path) -> None:
-    """One line for every mesh of every study."""
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         names = [field.name for field in fields(Study) if field.name != "levels"]

@@ -34,12 +34,10 @@ class Run:
 
     @property
     def factorizations(self) -> int:
-        """Of all parts of the run."""
         return self.result.counts.factorizations + self.more
 
     @property
     def history(self) -> vmdg.History:
-        """The history of the run."""
         return self.result.history
 
 
@@ -84,7 +82,6 @@ def build(
 
 
 def at(x: float, y: float) -> Callable[[NDArray], NDArray]:
-    """Predicate of a point."""
     return lambda points: np.isclose(points[0], x) & np.isclose(points[1], y)
 
 

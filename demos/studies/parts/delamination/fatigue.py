@@ -58,7 +58,6 @@ def fatigue(
     Args:
         element_size: Of facets where the crack runs [mm].
         far: Way of the crack [mm].
-        verbose: Print the residuals of every step.
     """
     stations = (0.0, A_0 - 2, A_0, math.ceil(A_0 + far + 1.5), A_0 + 30)
     tagged = arms(stations, element_size * np.array([8, 1, 1, 8]), PLY.h, rows, A_0)
@@ -102,7 +101,6 @@ def fatigue(
 
 
 def of_history(history: vmdg.History) -> Growth:
-    """The columns of a run, from the cycles on."""
     return Growth(*(history[name][2:] for name in ("cycles", "crack", "mode_1")))
 
 

@@ -32,7 +32,6 @@ class Laminate:
 
     @property
     def material(self) -> vmdg.Orthotropic:
-        """One arm."""
         G23 = self.E2 / (2 * (1 + self.nu23))
         return vmdg.Orthotropic(
             E=(self.E1, self.E2, self.E2),

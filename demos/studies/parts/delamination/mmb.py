@@ -82,7 +82,6 @@ def mmb(
     Args:
         end: w [mm].
         element_size: Of facets where the crack runs [mm].
-        verbose: Print the residuals of every step.
     """
     c = LEVERS.get(ratio) or lever_length(m, ratio)
     start = theory(m, c, A_0)

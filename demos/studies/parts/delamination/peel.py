@@ -40,7 +40,6 @@ def peel(
         angle: Between the force and the bonded film behind the crack [degrees].
         length: Of new crack [mm].
         element_size: Of facets [mm].
-        verbose: Print the residuals of every step.
     """
     stations = (0.0, FREE, FREE + length + 3, FREE + length + 6)
     tagged = arms(stations, element_size * np.array([4, 1, 3]), T, rows, FREE)

@@ -17,7 +17,7 @@ from parts.verification.checks import Check, compare, describe
 
 import vmdg
 from vmdg.meshes import plates
-from vmdg.meshes.plates import INTERFACE, RIGHT, UPPER_LEFT
+from vmdg.meshes.beams import INTERFACE, RIGHT, UPPER_LEFT
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,6 @@ class Specimen:
 
 
 def options(verbose: bool, **more) -> vmdg.SolveOptions:
-    """What is shown of a run, and further options."""
     shown = {"progress": True, "verbose": verbose, "show": ("force", "crack")}
     return vmdg.SolveOptions(**shown, **more)
 
@@ -161,7 +160,6 @@ def first_growth(
 
     Args:
         a: Crack length [mm].
-        verbose: Print the residuals of every step.
 
     Returns:
         Load [N], stiffness at small load [N/mm], and the run.
@@ -187,9 +185,6 @@ def first_points(
     """First growth of straight fronts at the lengths of the published points.
 
     Compared are load, stiffness, and their quotient, the opening of a front without a zone.
-
-    Args:
-        verbose: Print the residuals of every step.
 
     Returns:
         Lines of the table, openings [mm] and loads [N], the last run, and the factorizations of
@@ -234,7 +229,6 @@ def d30(
         end: Opening [mm].
         size: Of facets along x [mm].
         strength: Of the bond in the run [MPa].
-        verbose: Print the residuals of every step.
     """
     checks, points, first, factorizations = first_points(D30, verbose, columns)
     factorizations += first.counts.factorizations

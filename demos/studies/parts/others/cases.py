@@ -26,11 +26,7 @@ WHEELS = (12, 11, 10)
 
 
 def find_python(minors: Sequence[int] = WHEELS) -> str:
-    """A Python that all packages have wheels for: this one, one of the PATH, or one of pyenv.
-
-    Raises:
-        RuntimeError: there is none.
-    """
+    """A Python that all packages have wheels for: this one, one of the PATH, or one of pyenv."""
     if sys.version_info.minor in minors:
         return sys.executable
     versions = Path.home() / ".pyenv" / "versions"
@@ -50,9 +46,6 @@ def prepare(python: str | None = None) -> Path:
 
     Args:
         python: That it is made of; None finds one.
-
-    Raises:
-        RuntimeError: there is no such Python, or its packages cannot be installed.
     """
     base = python or find_python()
     if shutil.which(base) is None:

@@ -61,7 +61,6 @@ def write_mesh(path: Path, mesh: Layers, crack: float) -> None:
 
 
 def material(kind: str, **values: Any) -> str:
-    """Of an input file."""
     lines = "".join(f"    {name} = {value}\n" for name, value in values.items())
     return f"  material {kind} [\n{lines}  ]\n"
 

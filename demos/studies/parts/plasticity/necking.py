@@ -39,7 +39,6 @@ def bar(bond: str | None, across: int, along: int) -> tuple[vmdg.Problem, vmdg.N
 
     Args:
         bond: Key of BONDS for what joins the halves, None for one body.
-        along: Cells over half of the length.
     """
     mesh, cells, facets = blocks(
         MPI.COMM_WORLD, "quadrilateral", (along, across), 2.0, 1.0, interface=(1.0, 1.0)
@@ -84,7 +83,6 @@ def solid_bar(bond: str | None, across: int, along: int) -> tuple[vmdg.Problem, 
 
 
 def disc(y: np.ndarray, z: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the unit disc for those of a square."""
     return y * np.sqrt(1 - np.square(z) / 2), z * np.sqrt(1 - np.square(y) / 2)
 
 

@@ -31,7 +31,6 @@ class Row:
 
     @property
     def error(self) -> float:
-        """Relative, with its sign."""
         return self.computed / self.reference - 1
 
 
@@ -43,7 +42,6 @@ def measured(case: Callable[[bool], tuple[list[Row], T]], coarse: bool) -> tuple
 
 
 def table(rows: Iterable[Row]) -> str:
-    """Markdown."""
     return markdown(
         "case quantity computed reference difference source mesh s".split(),
         [

@@ -45,18 +45,15 @@ Kinds = dict[tuple[str, int], float]
 
 
 def choose(rng: Generator, kinds: Kinds) -> tuple[str, int]:
-    """Cell and degree."""
     weights = np.array(list(kinds.values()), dtype=float)
     return list(kinds)[rng.choice(len(kinds), p=weights / weights.sum())]
 
 
 def log_uniform(rng: Generator, low: float, high: float) -> float:
-    """Uniform in the exponent."""
     return float(10 ** rng.uniform(np.log10(low), np.log10(high)))
 
 
 def dimension(kind: str) -> int:
-    """Of a cell."""
     return 2 if kind in ("triangle", "quadrilateral") else 3
 
 
@@ -80,7 +77,6 @@ def unit_pair(rng: Generator, kinds: Kinds) -> tuple[int, Cells, Array]:
 
 
 def split_plane(mesh: Cells, tags: Array) -> float:
-    """Where two blocks meet."""
     ends = [mesh.nodes[mesh.cells[tags == tag], 0] for tag in (1, 2)]
     return float(ends[0].max())
 
@@ -112,7 +108,6 @@ def opening_scale(law: vmdg.Law) -> float:
 
 
 def described(law: vmdg.Law) -> str:
-    """Description of the law."""
     return f"{type(law).__name__} {law.strength:.2g} MPa, H {law.softening_modulus:.2g}"
 
 
@@ -225,7 +220,6 @@ def bar(
 
 
 def bar_loads(law: vmdg.Law, moduli: tuple, size: Array, nu: float, steps: int) -> Array:
-    """Up to and beyond separation."""
     confined = min(moduli) * (1 - nu) / (1 + nu) / (1 - 2 * nu)
     last = 1.2 * (law.critical_gap + law.strength * size[0] / confined)
     return np.linspace(0, last, steps + 1)[1:]
@@ -334,7 +328,6 @@ def distortion(rng: Generator) -> Case:
 
 
 def inverted(rng: Generator) -> Case:
-    """Cells that are inverted, or flat: to be refused."""
     left = -log_uniform(rng, 1e-3, 1)
     kind, degree = choose(rng, {**LINEAR, **SOLID})
     mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)), (2, 2, 2))
@@ -488,7 +481,6 @@ def weak_bond(rng: Generator) -> Case:
 
 
 def different_tags(midpoints: Array, tags: Array) -> Array:
-    """Facets between bodies."""
     return tags[:, 0] != tags[:, 1]
 
 

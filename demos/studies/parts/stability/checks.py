@@ -56,7 +56,6 @@ class Record:
 
     @classmethod
     def of(cls, problem: vmdg.Problem, case: Case) -> Record:
-        """The state of a problem."""
         states = problem.state
         return cls(
             problem.t,
@@ -138,7 +137,6 @@ class Run:
         ]
 
     def faults(self) -> list[str]:
-        """What all checks find wrong."""
         return [fault for check in CHECKS for fault in check(self)]
 
     @cached_property
@@ -481,7 +479,6 @@ def energy_balance(run: Run) -> list[str]:
 
 
 def _swelling(case: Case, t: float) -> Array:
-    """Eigenstrains of all bodies."""
     return np.array([np.zeros((3, 3)), *(e(t) for e in (case.eigenstrain or {}).values())])
 
 

@@ -58,7 +58,6 @@ def numbers(each: int) -> list[int]:
 
 
 def draw(number: int) -> Case:
-    """Case of a number."""
     first = max(start for start in FAMILIES if start <= number)
     some = FAMILIES[first]
     return some[(number - first) % len(some)](np.random.default_rng(number))
@@ -69,11 +68,7 @@ class Refused(Exception):
 
 
 def execute(case: Case, comm: MPI.Comm = MPI.COMM_SELF) -> Run:
-    """Solve, up to the end or to the error that stops it.
-
-    Raises:
-        Refused: the input cannot work, and the message says why.
-    """
+    """Solve, up to the end or to the error that stops it."""
     try:
         problem = case.problem(comm=comm)
     except ValueError as error:
@@ -110,9 +105,6 @@ def solves(
 
     Where facets open on demand, until none opens at the last load: a step that opens facets leaves
     them bonded, not yet balanced.
-
-    Raises:
-        vmdg.StepFailure: a step fails.
     """
     yield vmdg.solve(problem, case.loads, case.options, monitor, history)
     before = 0
@@ -156,7 +148,6 @@ class Outcome:
 
 
 def examine(run: Run) -> tuple[str, str]:
-    """Verdict and detail of a run that has ended."""
     if faults := finite(run):
         return "not finite", faults[0]
     faults = run.faults()
@@ -173,7 +164,6 @@ def stress(
     execute: Callable[[Case], Run] = execute,
     draw: Callable[[int], Case] = draw,
 ) -> Outcome:
-    """Draw, run and examine one case."""
     start = perf_counter()
     case = draw(number)
     run: Run | None = None
@@ -200,17 +190,14 @@ def stress(
 
 
 def families(outcomes: Sequence[Outcome]) -> list[str]:
-    """Names of the families, in the order they came."""
     return list(dict.fromkeys(outcome.family for outcome in outcomes))
 
 
 def counts(outcomes: Sequence[Outcome], family: str | None = None) -> Counter:
-    """Outcomes by verdict, of one family or of all."""
     return Counter(o.verdict for o in outcomes if family in (None, o.family))
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """Counts by family as a Markdown table."""
     rows = []
     for name, family in [*((f, f) for f in families(outcomes)), ("all", None)]:
         mine = [o for o in outcomes if family in (None, o.family)]
@@ -228,7 +215,6 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 
 def write_csv(outcomes: Sequence[Outcome], path: Path) -> None:
-    """One line a run."""
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow([field.name for field in fields(Outcome)])

@@ -93,7 +93,6 @@ class Cells:
 
     @property
     def d(self) -> int:
-        """Dimension."""
         return self.nodes.shape[1]
 
     @property
@@ -233,7 +232,6 @@ class Case:
 
     @property
     def on_demand(self) -> bool:
-        """Whether there are facets that open on demand."""
         return any(bond.opens_at is not None for bond in self.bonds)
 
     def problem(

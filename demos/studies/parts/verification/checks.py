@@ -15,7 +15,7 @@ from parts.topology import global_max, global_sum
 from scipy.optimize import brentq
 
 import vmdg
-from vmdg.meshes import blocks, core_and_ring
+from vmdg.meshes import TaggedMesh, blocks, distribute, model
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,6 @@ def timed(checks: list[Check]) -> Iterator[None]:
 
 
 def table(checks: Sequence[Check]) -> str:
-    """Markdown."""
     return markdown(
         "case quantity computed exact error mesh s".split(),
         [
@@ -63,7 +62,6 @@ def compare(case: str, quantity: str, computed: float, exact: float, mesh: str) 
 
 
 def describe(problem: vmdg.Problem, degree: int) -> str:
-    """Cells and degree of a problem."""
     mesh = problem.mesh
     count = mesh.topology.index_map(mesh.topology.dim).size_global
     return f"{count} {mesh.topology.cell_name()}s, k = {degree}"
@@ -115,13 +113,36 @@ def _polar(points: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndar
     return angle, vectors[:, 0] * c + vectors[:, 1] * s, vectors[:, 1] * c - vectors[:, 0] * s
 
 
+def core_and_ring(comm: MPI.Comm, outer: float, element_size: float, order: int = 1) -> TaggedMesh:
+    """The quadrant x, y > 0 of a disc of radius 1 in a ring, triangles that grow with the radius.
+
+    Cell tags 1 (core) and 2 (ring); facet tags 1 y = 0, 2 x = 0, 3 interface, 4 outer side.
+    """
+    with model("core and ring") as scene:
+        if comm.rank == 0:
+            geo, radii = scene.geo, (1.0, outer)
+            centre = geo.addPoint(0, 0, 0, element_size)
+            right = [geo.addPoint(r, 0, 0, element_size * r) for r in radii]
+            up = [geo.addPoint(0, r, 0, element_size * r) for r in radii]
+            arcs = [geo.addCircleArc(a, centre, b) for a, b in zip(right, up, strict=True)]
+            bottom, left = ([geo.addLine(centre, x[0]), geo.addLine(*x)] for x in (right, up))
+            loops = [bottom[0], arcs[0], -left[0]], [bottom[1], arcs[1], -left[1], -arcs[0]]
+            faces = [geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in loops]
+            geo.synchronize()
+            for tag, face in enumerate(faces, start=1):
+                scene.addPhysicalGroup(2, [face], tag)
+            for tag, side in enumerate((bottom, left, arcs[:1], arcs[1:]), start=1):
+                scene.addPhysicalGroup(1, side, tag)
+            scene.mesh.generate(2)
+            scene.mesh.setOrder(order)
+        return distribute(scene, comm, 2)
+
+
 def _quadrant(
     materials: Sequence[vmdg.Material], element_size: float, outer: float, degree: int, **options
 ) -> tuple[vmdg.Problem, object]:
     """Core of radius 1 tied in a ring, small strains, symmetric about both axes."""
-    mesh, cells, facets = core_and_ring(
-        MPI.COMM_WORLD, 1.0, outer, element_size, element_size * outer, order=degree
-    )
+    mesh, cells, facets = core_and_ring(MPI.COMM_WORLD, outer, element_size, degree)
     interface = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
     bodies = dict(enumerate(materials, start=1))
     problem = vmdg.Problem(mesh, cells, bodies, [interface], degree, kinematics="small", **options)

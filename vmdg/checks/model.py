@@ -16,8 +16,8 @@ from ..base.parallel import global_any, global_max, raise_together, warn_togethe
 from ..domain.topology import box_sides
 from ..interface.active import ActiveInterface
 from ..interface.stabilization import SAME_UNITS, SUSPICIOUS_RATIO
-from .motion import moving
-from .problem import Problem
+from ..problem.motion import moving
+from ..problem.problem import Problem
 from .standing import falling
 from .supports import LoosePart, in_words, loose_among, loose_parts, parts_of
 from .zone import process_zones
@@ -55,10 +55,6 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
 
     Returns:
         Whether a body is constrained by contact alone.
-
-    Raises:
-        ValueError: a part of the problem is unconstrained even if all interfaces hold, loads are
-            not finite at the first or the last load factor, or nodes of the mesh were moved.
     """
     message = (
         "the nodes of the mesh were moved after the problem was created, which does not notice it: "
@@ -89,11 +85,6 @@ def checked_loads(
     Args:
         loads: The user's loads; an int is a number of equal steps to 1.
         rows: Rows of an earlier run to continue, in which case there may be no loads.
-
-    Raises:
-        ValueError: there are none, one is not a finite number, or an int gives no steps.
-        TypeError: it is a single number other than an int, which is ambiguous, or the problem is
-            not a problem.
     """
     if not isinstance(problem, Problem):
         raise TypeError(

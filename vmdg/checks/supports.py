@@ -19,7 +19,7 @@ from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
 from ..interface.active import ActiveInterface
 from ..laws.base import dot
-from .problem import Problem
+from ..problem.problem import Problem
 
 #: Eigenvalue, relative to the largest one, below which a rigid motion is unconstrained: that of a
 #: node at 1e-5 of the size of a part.
@@ -60,7 +60,6 @@ class Parts(NamedTuple):
 
 
 def in_words(parts: Sequence[LoosePart]) -> str:
-    """Description of the bodies of parts, for messages."""
     tags = [str(tag) for tag in sorted({tag for part in parts for tag in part.tags})]
     listed = ", ".join(tags[:MOST_TAGS]) + (", ..." if len(tags) > MOST_TAGS else "")
     noun = f"tag{'s' if len(tags) > 1 else ''} {listed}"
@@ -78,7 +77,7 @@ def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list
 def parts_of(problem: Problem, interfaces: Iterable[ActiveInterface]) -> Parts:
     """The rigid parts if only some interfaces are intact, found once for all that supports them;
     collective."""
-    intact, known = list(interfaces), problem.loading.parts
+    intact, known = list(interfaces), problem.loading.rigid_parts
     active = problem.discretization.active.items()
     numbers = tuple(number for number, one in active if one in intact)
     if numbers not in known:
@@ -102,7 +101,7 @@ def bonds(problem: Problem) -> tuple[float, float]:
     return float(problem.discretization.geometry.thickness) * energy, facets
 
 
-def hold_pieces(problem: Problem) -> bool:
+def stabilize_pieces(problem: Problem) -> bool:
     """Stabilize detached pieces by an artificial stiffness from now on, with a warning; collective.
 
     At small strain a piece rotates without strain for any angle, and needs none.
@@ -171,7 +170,6 @@ def _box(problem: Problem, cells: NDArray[np.intp]) -> NDArray[np.float64]:
 
 
 def loose_among(problem: Problem, parts: Parts) -> list[LoosePart]:
-    """Parts with a free rigid motion."""
     result = []
     for name, tags, matrix in zip(parts.names, parts.tags, parts.gram, strict=True):
         if motions := _motions_in_words(matrix, problem):

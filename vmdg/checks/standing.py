@@ -24,7 +24,7 @@ from ..assembly.space import at_owners
 from ..base.parallel import global_sum
 from ..domain.geometry import rigid_motions
 from ..interface.active import ActiveInterface
-from .problem import Problem
+from ..problem.problem import Problem
 from .supports import Parts, free_motions, motions_at, size_of
 
 Array = NDArray[np.float64]

@@ -29,7 +29,7 @@ _STRESS, _MODULI = 1e-12, 1e-16
 _MOST = 100
 
 
-class Question:
+class PointEvaluator:
     """A material and how it is asked.
 
     Args:
@@ -50,9 +50,6 @@ class Question:
             deformation: F, at small strain the strain, (n, 3, 3); in plane stress 33 is a guess.
             state: History at the start of the step (n, m).
             strain: Eigenstrain F_s - I (n, 3, 3); None for none.
-
-        Raises:
-            ValueError: the material answers with arrays of the wrong shape.
         """
         if not np.isfinite(deformation).all():
             n = len(deformation)
@@ -93,7 +90,6 @@ class Question:
         return found, F
 
     def _strained(self, deformation: Array, state: Array, strain: Array | None) -> Response:
-        """With an eigenstrain."""
         if strain is None:
             return self._checked(deformation, state)
         if self._small:
@@ -112,7 +108,6 @@ class Question:
         )
 
     def _checked(self, deformation: Array, state: Array) -> Response:
-        """With the shapes of :class:`.Response`."""
         n, material = len(deformation), self._material
         shapes = (n, 3, 3), (n, 3, 3, 3, 3), state.shape, (n,), (n,)
         # A material that writes into what it is given writes into copies.

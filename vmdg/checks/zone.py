@@ -46,7 +46,7 @@ from ..forms import kinematics
 from ..forms.kinematics import Body
 from ..laws.base import separation
 from ..points.facets import InterfaceFacets
-from .problem import Problem
+from ..problem.problem import Problem
 
 Array = NDArray[np.float64]
 

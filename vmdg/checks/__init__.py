@@ -1,0 +1,1 @@
+"""Checks of a problem before a run: supports, standing without bonds, process zones, numbers."""
