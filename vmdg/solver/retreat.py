@@ -13,9 +13,9 @@ from ..problem.states import Snapshot
 def damage_twice(before: Snapshot, limit: Snapshot, states: Sequence[Snapshot]) -> float:
     """The largest fraction of its strength that a bond loses a second time on the way; collective.
 
-    A machine holds the load at a limit point until the next equilibrium. On the path the load
-    falls and comes back. Where bonds break one by one both have the same end: points that fail go
-    on, others unload elastically. But what opened or slid before the limit, by dzeta, may come back
+    A machine holds the load at a limit point until the next equilibrium. On the path the load falls
+    and comes back. Where bonds break one by one both have the same end: what fails fails further,
+    all else unloads elastically. But what opened or slid before the limit, by dzeta, may come back
     meanwhile: the gap was paid for, and is lost. With the steps d_k zeta on the way it is H b/P_c,
     b = sum of max(-d_k zeta.dzeta, 0)/|dzeta|. Laws that unload to the origin lose nothing.
     Surfaces that slide have other points in every state; they are left out.
