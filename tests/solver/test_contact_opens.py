@@ -106,3 +106,22 @@ def test_block_rests_on_contact(comm, friction):
     assert not result.failures
     assert not over_budget("block on contact", result)
     assert problem.mean(0).traction[0] == pytest.approx(-20.0, rel=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:.*held:vmdg.ModelWarning")
+@pytest.mark.parametrize("law", [vmdg.Contact(), vmdg.Debonding(10.0, 0.01)], ids=str)
+def test_blocks_that_are_moved_apart(comm, law):
+    """Nothing happens but a motion of half a block: all forces are rounding, of many dofs."""
+    scene = blocks(comm, "quadrilateral", (32, 64), height=1.0, length=2.0)
+    damage = {"initial_damage": 1.0} if law.has_bond else {}
+    interface = vmdg.Interface(between=(1, 2), law=law, **damage)
+    body = vmdg.NeoHookean(E=1000.0, nu=0.3)
+    bodies = dict.fromkeys((1, 2), body)
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], degree=3)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: (min(t, 1.0) / 2, 0.0))
+    # Not linear: the load factor is the control.
+    problem.body_force(lambda x, t: max(t - 1, 0.0) * x[:2])
+    result = vmdg.solve(problem, [1.0])
+    assert not result.failures
+    assert np.abs(problem.u.x.array.reshape(-1, 2)[:, 0]).max() == pytest.approx(0.5, rel=1e-12)

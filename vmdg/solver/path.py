@@ -431,7 +431,11 @@ class Path:
             whole = states[: count and count - 1]
             far = (state for state in whole if stage.ahead(top.t, state.t) > away)
             return next(far, whole[-1])
-        step, work, ahead = self._problem.step, crest.kept[0][0].attempt.work, top.change_to(states[0])
+        step, work, ahead = (
+            self._problem.step,
+            crest.kept[0][0].attempt.work,
+            top.change_to(states[0]),
+        )
         for _ in range(self._numbers.halvings):
             shown, work = Attempt(work=work, ahead=ahead and Direction(*ahead)), work / 2
             step.return_to(top)

@@ -153,12 +153,18 @@ def verdict(norms: Sequence[float], goal: float, met: bool, options: SolveOption
 
 
 def rounding_of_forces(problem: Problem, size: float, stiffness: float) -> float:
-    """Rounding error of nodal positions, for nodes that may have moved far, times stiffness;
-    collective [N].
+    """Rounding error of the residual, for nodes that may have moved far; collective [N].
+
+    A displacement is known to eps |u|/sqrt(12), at random; times a row of the tangent, whose
+    Euclidean norm is a quarter of the sum of its entries or so, and over n dofs, the norm is some
+    eps |u| |K| sqrt(n)/14. A fourfold of this is asked for, and no less than the rounding of the
+    positions of nodes times the stiffness.
 
     Args:
         size: Of the body [mm].
-        stiffness: Norm of the tangent [N/mm].
+        stiffness: Norm of the tangent, the largest sum of a row [N/mm].
     """
     far = global_max(problem.comm, float(np.abs(problem.u.x.array).max(initial=0.0)))
-    return float(np.finfo(float).eps) * (size + far) * stiffness
+    dofmap = problem.space.dofmap
+    count = dofmap.index_map.size_global * dofmap.index_map_bs
+    return float(np.finfo(float).eps) * stiffness * (size + far * max(1.0, count**0.5 * 4 / 14))
