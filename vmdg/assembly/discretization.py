@@ -227,7 +227,7 @@ class Discretization:
     @cached_property
     def _energy_form(self) -> fem.Form:
         energy = self.weak_form.over_bodies(lambda body, F: body.energy(F))
-        return self.weak_form.compile(energy, "energy")
+        return self.weak_form.compile(energy, "energy", UNROLLED)
 
     @cached_property
     def _inverted_form(self) -> fem.Form:
@@ -235,7 +235,8 @@ class Discretization:
             J = body.volume_ratio(F) if body.mean_dilatation else ufl.det(F)
             return ufl.conditional(ufl.le(J, 0), 1.0, 0.0)
 
-        return self.weak_form.compile(self.weak_form.over_bodies(turned), "inverted cells")
+        form = self.weak_form.over_bodies(turned)
+        return self.weak_form.compile(form, "inverted cells", UNROLLED)
 
     # Assembly
 
