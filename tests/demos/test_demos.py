@@ -430,6 +430,14 @@ def test_fibre_cell(comm, out):
     assert (out / "history.csv").read_text().count("\n") == 1 + len(history)
 
 
+@pytest.mark.long
+def test_fits():
+    """A good model is right, a wrong number that is given is told, and so is an outlier."""
+    import fits as study
+
+    assert [study.fit(number, 0)[-2] for number in (0, 13, 25)] == ["right", "given", "said"]
+
+
 def test_strengths_of_fibre_cell(comm, out):
     """Pull and shear fail between bond and weakest cut; runs that are done are not done again."""
     import fibre_cell_strengths as study

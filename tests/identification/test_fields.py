@@ -75,6 +75,8 @@ def test_strength_from_images():
         error = found.relative_errors[name]
         assert abs(np.log(found.estimate[name] / value)) < 3 * error
         assert error < 0.025
+    # Its value is computed from moduli of E, which was found.
+    assert list(found.given) == ["NeoHookean.nu"]
     assert field.nuisances == 3 * len(LOADS)
     count = len(LOADS) + field.data.size
     assert found.freedom == count - field.nuisances - len(TRUE)

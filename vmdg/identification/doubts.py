@@ -159,7 +159,7 @@ def _unlike(model: Model) -> list[str]:
                 f"the {one.column} of the run at the start is up to {sizes[0]:.3g}, that measured "
                 f"up to {sizes[1]:.3g}: are they in the same unit?"
             )
-        if run @ data < 0:
+        elif run @ data < 0:
             said.append(
                 f"the {one.column} of the run at the start has the opposite sign of that measured: "
                 "change the sign of one of them"

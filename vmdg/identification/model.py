@@ -468,7 +468,7 @@ class Model:
         problem, *_ = self._made(name, values)
         direct, first = self._direct[name], self._others[name]
         by = {one.name: one.value for one in other_parameters(problem, direct)} if first else {}
-        by = {one: value for one, value in by.items() if value == first.get(one)}
+        by = {one: value for one, value in by.items() if np.isclose(value, first.get(one, np.nan))}
         if not by:
             return {}
         rates = self._run(name, values, by).slopes * [*by.values()]
