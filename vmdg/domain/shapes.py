@@ -162,16 +162,12 @@ class FacetShapes(NamedTuple):
     Attributes:
         gradients: GRAD (n, points, nodes, d or d + 1).
         weights: Quadrature weights (n, points).
-        values: N (n, points, nodes).
         points: X (n, points, d) [mm].
-        reference: Positions in the reference cell (n, points, d).
     """
 
     gradients: Array
     weights: Array
-    values: Array
     points: Array
-    reference: Array
 
     def at(self, positions: Array) -> FacetShapes:
         """The same with the points of each facet in the order of ``positions``.
@@ -208,18 +204,6 @@ class ShapeGradients:
         self._hoop = isinstance(geometry, Axisymmetric)
         self._origins, self._edges = reference_facets(mesh)
 
-    def _at(self, cells: NDArray[np.int32], points: Array) -> tuple[Array, Array, Array]:
-        """GRAD of the shape functions (cells, points, nodes, d or d + 1), dX/dxi and X."""
-        geometry_map = GeometryMap(self._mesh, points)
-        nodes = geometry_map.nodes(cells)
-        J, X = geometry_map.jacobians(nodes), geometry_map.positions(nodes)
-        shape, *slopes = self._shape.tabulate(1, points)
-        gradients = np.einsum("tqn,cqti->cqni", np.array(slopes), np.linalg.inv(J), optimize=True)
-        if self._hoop:
-            hoop = (shape / X[0][..., None])[..., None]
-            gradients = np.concatenate([gradients, hoop], axis=3)
-        return gradients, J, X
-
     def in_places(self, cells: NDArray[np.int32], places: Array) -> tuple[Array, Array]:
         """The shape functions (cells, points, nodes) and their GRAD at reference points of each
         cell (cells, points, d)."""
@@ -235,29 +219,24 @@ class ShapeGradients:
 
     def in_cells(self, cells: NDArray[np.int32]) -> tuple[Array, Array]:
         """GRAD of the shape functions and weights (cells, points) in cells."""
-        gradients, J, X = self._at(cells, self.bulk_points)
+        geometry_map = GeometryMap(self._mesh, self.bulk_points)
+        nodes = geometry_map.nodes(cells)
+        J, X = geometry_map.jacobians(nodes), geometry_map.positions(nodes)
+        shape, *slopes = self._shape.tabulate(1, self.bulk_points)
+        gradients = np.einsum("tqn,cqti->cqni", np.array(slopes), np.linalg.inv(J), optimize=True)
+        if self._hoop:
+            hoop = (shape / X[0][..., None])[..., None]
+            gradients = np.concatenate([gradients, hoop], axis=3)
         around = self._geometry.circumference(X)
         return gradients, np.abs(determinants(J)) * around * self._bulk_weights
 
     def on_facets(self, cells: NDArray[np.int32], local: NDArray[np.int32]) -> FacetShapes:
         """The same on facet ``local`` of every cell."""
-        count, d = len(self.facet_points), self._edges.shape[2]
-        found = FacetShapes(
-            np.empty((len(cells), count, self.nodes_of_cell, d + int(self._hoop))),
-            np.empty((len(cells), count)),
-            np.empty((len(cells), count, self.nodes_of_cell)),
-            np.empty((len(cells), count, d)),
-            np.empty((len(cells), count, d)),
-        )
-        for number, edges in enumerate(self._edges):
-            chosen = np.flatnonzero(local == number)
-            points = self._origins[number] + self.facet_points @ edges
-            found.gradients[chosen], J, X = self._at(cells[chosen], points)
-            tangents = J @ edges.T
-            metric = tangents.transpose(0, 1, 3, 2) @ tangents
-            around = self._geometry.circumference(X)
-            found.weights[chosen] = np.sqrt(determinants(metric)) * around * self._facet_weights
-            found.values[chosen] = self._shape.tabulate(0, points)[0]
-            found.points[chosen] = np.moveaxis(X, 0, -1)
-            found.reference[chosen] = points
-        return found
+        edges = self._edges[local]
+        places = self._origins[local][:, None] + self.facet_points @ edges
+        X, J = places_in_cells(self._mesh, cells, places)
+        tangents = J @ edges[:, None].swapaxes(2, 3)
+        around = self._geometry.circumference(np.moveaxis(X, 2, 0))
+        metric = np.sqrt(determinants(tangents.swapaxes(2, 3) @ tangents))
+        weights = metric * around * self._facet_weights
+        return FacetShapes(self.in_places(cells, places)[1], weights, X)
