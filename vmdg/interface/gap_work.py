@@ -43,6 +43,9 @@ SHORTEST = 1e-3
 #: not subdivided.
 LARGE = 1e-5
 
+#: Tractions below this, relative to those at the other end of a part, are none.
+ROUNDING = 1e-10
+
 #: Fraction of the step at which the overstress is taken as that at its start.
 FIRST = 1e-7
 
@@ -154,7 +157,7 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
             np.einsum("spi,pi->sp", x, N[rows]) for x in (states.traction, states.gap)
         )
         lowest, highest = np.minimum(*_ends(pressures)), np.maximum(*_ends(pressures))
-        meets = (highest == 0) & (lowest < 0)
+        meets = (lowest < 0) & (np.abs(highest) <= ROUNDING * -lowest)
         works[0] -= meets * lowest / 2 * np.diff(widths, axis=0)
         part /= PARTS
         s, p = np.nonzero(a.mode != b.mode)
