@@ -587,6 +587,28 @@ def test_bodies_start_apart():
     assert found[0] == pytest.approx(found[1], rel=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("kinematics", "sliding", "off"),
+    [("small", False, 1e-11), ("small", True, 1e-11), ("finite", True, 1e-3)],
+)
+def test_a_gap_that_closes_in_one_step(kinematics, sliding, off):
+    """No traction works on the way: what is stored is the work of the support."""
+    gap = 0.02
+    parts = [
+        block("quadrilateral", cells, (0.0, y), (1.0, y + 1), tag)
+        for tag, cells, y in ((1, (3, 2), -1.0), (2, (4, 2), gap))
+    ]
+    scene, body = apart(parts), vmdg.NeoHookean(E=1000.0, nu=0.0)
+    law, bodies = vmdg.Contact(MU), dict.fromkeys((1, 2), body)
+    interface = vmdg.Interface(between=(1, 2), law=law, sliding=sliding, gap="keep")
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], kinematics=kinematics)
+    problem.dirichlet(lambda x: np.isclose(x[1], -1.0), 0.0)
+    problem.dirichlet(lambda x: np.isclose(x[1], 1 + gap), lambda t: (0.0, -0.027 * t))
+    vmdg.solve(problem, [1.0], TIGHT)
+    energy = problem.energy()
+    assert abs(energy.imbalance) < off * energy.external
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("first", [1, 2])
 def test_turning_ring(first):
