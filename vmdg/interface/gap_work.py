@@ -43,7 +43,7 @@ SHORTEST = 1e-3
 #: not subdivided.
 LARGE = 1e-5
 
-#: Tractions below this, relative to those at the other end of a part, are none.
+#: A traction below this, relative to that at the other end of a part, is rounding.
 ROUNDING = 1e-10
 
 #: Fraction of the step at which the overstress is taken as that at its start.
