@@ -17,7 +17,6 @@ has it in the limit.
 
 from __future__ import annotations
 
-import pathlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from time import perf_counter
@@ -38,7 +37,7 @@ from parts.stability.cases import (
     random_ogden,
 )
 from parts.stability.checks import EPS, Run, stiffest
-from parts.stability.runner import BAD, Outcome, execute, stress, table, write_csv
+from parts.stability.runner import BAD, Outcome, execute, report, stress
 from parts.stability.scenes import (
     Array,
     Bond,
@@ -737,12 +736,7 @@ def main(
             lines = (f"scene {number}, {outcome.verdict}: {outcome.case}", outcome.detail)
             bar.write("\n".join(lines))
     if comm.rank == 0 and only is None:
-        folder = pathlib.Path(out)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "interfaces.md").write_text(table(outcomes) + "\n")
-        write_csv(outcomes, folder / "interfaces.csv")
-        print(table(outcomes))
-        print(f"results are in {out}")
+        report(outcomes, out, "interfaces")
     return outcomes
 
 

@@ -17,11 +17,10 @@ fixes everything. What must hold, whatever was drawn:
 
 from __future__ import annotations
 
-import pathlib
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 from time import perf_counter
 from typing import Any
 
@@ -34,7 +33,7 @@ from dolfinx.mesh import create_mesh, meshtags
 from interfaces import scaled_law
 from numpy.random import Generator
 from parts.options import run
-from parts.stability.runner import BAD, Outcome, table, time_limit, write_csv
+from parts.stability.runner import BAD, Outcome, report, time_limit
 from parts.stability.scenes import Array, box, distorted, rotation
 from parts.tables import progress
 
@@ -443,7 +442,7 @@ def thrown(rng: Generator, way: str) -> Scene:
     d = nodes.shape[1]
     spin = float(rng.choice([0.0, strain * rng.uniform(-2, 2)]))
     along = float(rng.choice([0.0, strain * rng.uniform(-1, 1)]))
-    middle = nodes[len(nodes) - 1] * 0.0 + nodes[np.unique(cells[tags == 2])].mean(axis=0)
+    middle = nodes[np.unique(cells[tags == 2])].mean(axis=0)
     rigid, free = rng.random() < 0.4, rng.random() < 0.5
     held = () if rigid or free else ((lambda x: np.isclose(x[1], -0.5), lambda t: np.zeros(d)),)
     other = float(10 ** rng.uniform(0, 1))
@@ -523,7 +522,7 @@ def slope(rng: Generator, way: str) -> Scene:
 def main(
     count: int = 40, only: int | None = None, first: int = 0, out: str = "results/motions"
 ) -> list[Outcome]:
-    """Run some scenes, or one.
+    """Run some scenes, or one. Ranks take turns: every scene is one of a single rank.
 
     Args:
         count: Number of scenes.
@@ -531,19 +530,17 @@ def main(
         first: Number of the first scene.
         out: Folder for the table and the list of the scenes.
     """
-    numbers = range(first, first + count) if only is None else [only]
-    outcomes = []
-    for number in (bar := progress(numbers, "scene", True)):
-        outcomes.append(outcome := judge(number))
+    comm, numbers = MPI.COMM_WORLD, range(first, first + count) if only is None else [only]
+    bar = progress(numbers[comm.rank :: comm.size], "scene", comm.rank == 0)
+    mine = []
+    for number in bar:
+        mine.append(outcome := judge(number))
         if outcome.verdict in (*BAD, "stopped") or only is not None:
             lines = (f"scene {number}, {outcome.family}, {outcome.verdict}: {outcome.case}",)
             bar.write("\n".join((*lines, outcome.detail)))
-    folder = pathlib.Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "motions.md").write_text(table(outcomes) + "\n")
-    write_csv(outcomes, folder / "motions.csv")
-    print(table(outcomes))
-    print(f"results are in {out}")
+    outcomes = sorted(chain(*comm.allgather(mine)), key=lambda outcome: outcome.number)
+    if comm.rank == 0 and only is None:
+        report(outcomes, out, "motions")
     return outcomes
 
 

@@ -8,12 +8,11 @@ converged step intact. The families are in ``parts/stability/cases.py``.
 from __future__ import annotations
 
 from itertools import chain
-from pathlib import Path
 
 from mpi4py import MPI
 
 from parts.options import run
-from parts.stability.runner import BAD, Outcome, numbers, stress, table, write_csv
+from parts.stability.runner import BAD, Outcome, numbers, report, stress
 from parts.tables import progress
 
 
@@ -42,11 +41,7 @@ def main(
             bar.write("\n".join((*lines, outcome.detail)))
     outcomes = sorted(chain(*comm.allgather(mine)), key=lambda outcome: outcome.number)
     if comm.rank == 0 and only is None:
-        Path(out).mkdir(parents=True, exist_ok=True)
-        (Path(out) / "stability.md").write_text(table(outcomes) + "\n")
-        write_csv(outcomes, Path(out) / "stability.csv")
-        print(table(outcomes))
-        print(f"results are in {out}")
+        report(outcomes, out, "stability")
     return outcomes
 
 

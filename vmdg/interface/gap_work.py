@@ -153,12 +153,12 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
             ]
         )
         # T_N zeta_N = 0 all the way where faces without a bond meet or part.
-        pressures, widths = (
-            np.einsum("spi,pi->sp", x, N[rows]) for x in (states.traction, states.gap)
+        one, other, opening = (
+            np.einsum("spi,pi->sp", x, N[rows]) for x in (a.traction, b.traction, b.gap - a.gap)
         )
-        lowest, highest = np.minimum(*_ends(pressures)), np.maximum(*_ends(pressures))
+        lowest, highest = np.minimum(one, other), np.maximum(one, other)
         meets = (lowest < 0) & (np.abs(highest) <= ROUNDING * -lowest)
-        works[0] -= meets * lowest / 2 * np.diff(widths, axis=0)
+        works[0] -= meets * lowest / 2 * opening
         part /= PARTS
         s, p = np.nonzero(a.mode != b.mode)
         gaps = np.linalg.norm(b.gap[s, p] - a.gap[s, p], axis=1)
@@ -182,40 +182,35 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
     whole_works = works(history, update, active.law, q.normal, active.stabilization.norm[q.facet])
     whole_works = whole_works[:, moved]
 
-    def excess(chosen: NDArray[np.intp], parts: int) -> Array:
-        """Damage, friction and viscous work of so many parts of some points beyond that of their
-        whole step (3,)."""
-        some = states.at(slice(None, None, PARTS // parts), chosen)
+    def excess(chosen: NDArray[np.intp]) -> Array:
+        """Damage, friction and viscous work of the parts of some points beyond that of their whole
+        step (3,)."""
+        some = states.at(slice(None), chosen)
         start, end = (
             States(*(array.reshape(-1, *array.shape[2:]) for array in some.at(part)))
             for part in (slice(None, -1), slice(1, None))
         )
-        rows = np.tile(chosen, parts)
+        rows = np.tile(chosen, PARTS)
         # without its overstress the end follows from the start, given enough time
         load = end.traction - end.overstress + r[rows, None] * (end.gap - start.gap)
         found = mapped(rows, load, start, np.inf if rated else dt)
         # The states know the mode since the start of the step, where a gap that has closed closes.
         modes = np.append(some.mode[0], found.mode[: -len(chosen)])
         each = works(start._replace(mode=modes), found, law.at(rows), N[rows], r[rows])
-        return (each.reshape(3, parts, -1).sum(axis=1) - whole_works[:, chosen]) @ weights[chosen]
+        return (each.reshape(3, PARTS, -1).sum(axis=1) - whole_works[:, chosen]) @ weights[chosen]
 
     # With one curve for all directions damage work follows from Q.
     turns = law.unloads_to_origin and not isinstance(law, RadialLaw)
     parting = np.flatnonzero(update.damage_work[moved] > 0)
     if turns and parting.size:
-        charged[0] = excess(parting, PARTS)[0]
+        charged[0] = excess(parting)[0]
     # The pressure under which a point slides changes, and may begin or end, within the step. All
     # points that slide are asked: whether one ends open or under no pressure is up to rounding.
     turning = (states.mode[1:] != states.mode[:-1]).any(axis=0)
     rubbing = np.flatnonzero(turning | (whole_works[1] > 0))
     if np.any(np.greater(law.friction, 0.0)) and rubbing.size:
-        charged[1] = excess(rubbing, PARTS)[1]
+        charged[1] = excess(rubbing)[1]
     return float(weights @ total), charged
-
-
-def _ends(states: Array) -> tuple[Array, Array]:
-    """Values at the start and at the end of every part (s, m)."""
-    return states[:-1], states[1:]
 
 
 def _at_rest(active: ActiveInterface, total: Array) -> Array:

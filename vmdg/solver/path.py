@@ -7,6 +7,9 @@ from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..base.parallel import global_norm, global_sum, warn_together
 from ..checks.supports import bonds, hanging_piece, stabilize_pieces
 from ..problem.states import Snapshot
@@ -143,8 +146,7 @@ class Path:
                     crest.limit = crest.limit or before
                     crest.kept.append((part, step.snapshot()))
                     ends = stage.ahead(part.t, crest.limit.t) > 0 or part.t == target
-                    states = [state for _, state in crest.kept]
-                    if ends and self._twice(crest, states) <= self._numbers.twice:
+                    if ends and self._lost_twice(crest)[-1] <= self._numbers.twice:
                         yield from self._rows(crest.kept)
                         crest = Crest()
                     elif ends or stage.ahead(crest.limit.t, part.t) > stage.span:
@@ -155,10 +157,11 @@ class Path:
                 # Facets have opened: there are bonds to follow now.
                 stage = self._set_out(target)
 
-    def _twice(self, crest: Crest, states: Sequence[Snapshot]) -> float:
-        """:func:`.damage_twice` in states beyond a limit point; collective."""
+    def _lost_twice(self, crest: Crest, states: Sequence[Snapshot] = ()) -> NDArray[np.float64]:
+        """:func:`.damage_twice` in states beyond a limit point, by default the buffered ones;
+        collective."""
         before = crest.last[0] if crest.last else crest.limit
-        return damage_twice(before, crest.limit, states)
+        return damage_twice(before, crest.limit, states or [state for _, state in crest.kept])
 
     def _rows(self, kept: list[tuple[Part, Snapshot]]) -> Iterator[Part]:
         for part, state in kept:
@@ -414,37 +417,31 @@ class Path:
         part, behind = crest.kept[0]
         beyond, way = (behind, part.attempt), stage.target - stage.start
         top = limit_point(self._steps, crest.last, limit, beyond, way)
-        states = [state for _, state in crest.kept]
-        found = self._jump(stage, top.t, top, self._beyond(stage, crest, top, states))
+        found = self._jump(stage, top.t, top, self._beyond(stage, crest, top))
         if found is None:
-            self._problem.step.return_to(states[-1])
+            self._problem.step.return_to(crest.kept[-1][1])
         return found
 
-    def _beyond(
-        self, stage: Stage, crest: Crest, top: Snapshot, states: Sequence[Snapshot]
-    ) -> Snapshot:
+    def _beyond(self, stage: Stage, crest: Crest, top: Snapshot) -> Snapshot:
         """The state from which a jump starts: at the limit point there is no driving force, and far
         beyond it bonds have closed that stay open in a machine; collective."""
         away, way = self._numbers.released * stage.span, stage.target - stage.start
-        count = next((k for k in range(1, len(states) + 1) if self._twice(crest, states[:k])), None)
-        if count is None or count > 1:
-            whole = states[: count and count - 1]
+        losses = self._lost_twice(crest)
+        whole = [state for (_, state), lost in zip(crest.kept, losses, strict=True) if lost == 0]
+        if whole:
             far = (state for state in whole if stage.ahead(top.t, state.t) > away)
             return next(far, whole[-1])
-        step, work, ahead = (
-            self._problem.step,
-            crest.kept[0][0].attempt.work,
-            top.change_to(states[0]),
-        )
+        part, first = crest.kept[0]
+        step, work, ahead = self._problem.step, part.attempt.work, top.change_to(first)
         for _ in range(self._numbers.halvings):
             shown, work = Attempt(work=work, ahead=ahead and Direction(*ahead)), work / 2
             step.return_to(top)
             limits = Limits(top.t, top.t + way, abs(way), work=work)
             if self._steps.attempt(limits, shown).converged:
                 near = step.snapshot()
-                if stage.ahead(top.t, near.t) > 0 and not self._twice(crest, [near]):
+                if stage.ahead(top.t, near.t) > 0 and self._lost_twice(crest, [near])[0] == 0:
                     return near
-        return states[0]
+        return first
 
     def _jump(self, stage: Stage, t: float, limit: Snapshot, start: Snapshot) -> Part | None:
         """Jump to a distant equilibrium, see :func:`.jump`; None, and undone, if there is none."""

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
+from mpi4py import MPI
 
-from ..base.parallel import global_max
+import numpy as np
+from numpy.typing import NDArray
+
 from ..problem.states import Snapshot
 
 
-def damage_twice(before: Snapshot, limit: Snapshot, states: Sequence[Snapshot]) -> float:
-    """The largest fraction of its strength that a bond loses a second time on the way; collective.
+def damage_twice(
+    before: Snapshot, limit: Snapshot, states: Sequence[Snapshot]
+) -> NDArray[np.float64]:
+    """The largest fraction of its strength that a bond loses a second time on the way to each of
+    some states (n,), which never decreases; collective.
 
     A machine holds the load at a limit point until the next equilibrium. On the path the load falls
     and comes back. Where bonds break one by one both have the same end: what fails fails further,
@@ -25,7 +30,7 @@ def damage_twice(before: Snapshot, limit: Snapshot, states: Sequence[Snapshot]) 
         limit: The state of the largest load.
         states: Those beyond, in their order.
     """
-    now, most = limit.discretization, 0.0
+    now, most = limit.discretization, np.zeros(len(states))
     same = all(state.discretization is now for state in (before, *states))
     for k, active in enumerate(now.active.values() if same else ()):
         law, slides = active.law, limit.interfaces[k].pairs is not None
@@ -33,11 +38,12 @@ def damage_twice(before: Snapshot, limit: Snapshot, states: Sequence[Snapshot]) 
             continue
         history = limit.interfaces[k].history
         moved = history.gap - before.interfaces[k].history.gap
-        length, back = np.linalg.norm(moved, axis=1), np.zeros(len(moved))
-        for one, other in zip((limit, *states), states, strict=False):
-            way = other.interfaces[k].history.gap - one.interfaces[k].history.gap
-            back += np.maximum(-np.einsum("pi,pi->p", way, moved), 0.0)
+        length = np.linalg.norm(moved, axis=1)
         bonded = (length > 0) & (history.softening < law.strength)
-        share = law.softening_modulus * back / np.where(bonded, length, 1.0) / law.strength
-        most = max(most, np.max(share * bonded, initial=0.0))
-    return float(global_max(now.mesh.comm, most))
+        share = law.softening_modulus / law.strength * bonded / np.where(bonded, length, 1.0)
+        gap, back = history.gap, np.zeros(len(moved))
+        for number, state in enumerate(states):
+            way, gap = state.interfaces[k].history.gap - gap, state.interfaces[k].history.gap
+            back += np.maximum(-np.einsum("pi,pi->p", way, moved), 0.0)
+            most[number] = max(most[number], np.max(share * back, initial=0.0))
+    return now.mesh.comm.allreduce(most, MPI.MAX)

@@ -214,6 +214,16 @@ def table(outcomes: Sequence[Outcome]) -> str:
     return markdown(["family", "runs", *GOOD, *BAD, "steps", "cut", "residuals", "s"], rows)
 
 
+def report(outcomes: Sequence[Outcome], out: str, name: str) -> None:
+    """Write the table and the list of the runs of a study into a folder, and print the table."""
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{name}.md").write_text(table(outcomes) + "\n")
+    write_csv(outcomes, folder / f"{name}.csv")
+    print(table(outcomes))
+    print(f"results are in {out}")
+
+
 def write_csv(outcomes: Sequence[Outcome], path: Path) -> None:
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
