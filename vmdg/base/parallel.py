@@ -13,7 +13,7 @@ import time
 import warnings
 from collections.abc import Callable
 from types import FrameType, TracebackType
-from typing import NoReturn, cast
+from typing import Any, NoReturn
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -42,8 +42,9 @@ def global_norm(comm: MPI.Comm, values: NDArray[np.float64]) -> float:
     return float(np.sqrt(global_sum(comm, values @ values)))
 
 
-def global_max(comm: MPI.Comm, value: float) -> float:
-    return cast(float, _reduced(comm, value, MPI.MAX))
+def global_max(comm: MPI.Comm, value: ArrayLike) -> Any:
+    """Maximum over ranks of a scalar, or of every entry of an array."""
+    return _reduced(comm, value, MPI.MAX)
 
 
 def global_box(comm: MPI.Comm, points: NDArray[np.float64]) -> NDArray[np.float64]:

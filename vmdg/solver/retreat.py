@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mpi4py import MPI
-
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.parallel import global_max
 from ..problem.states import Snapshot
 
 
@@ -46,4 +45,4 @@ def damage_twice(
             way, gap = state.interfaces[k].history.gap - gap, state.interfaces[k].history.gap
             back += np.maximum(-np.einsum("pi,pi->p", way, moved), 0.0)
             most[number] = max(most[number], np.max(share * back, initial=0.0))
-    return now.mesh.comm.allreduce(most, MPI.MAX)
+    return global_max(now.mesh.comm, most)
