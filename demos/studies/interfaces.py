@@ -492,6 +492,7 @@ class Told:
     rows: list[float]  # Load factors of all rows
     residuals: int  # Assembled by the solver
     stopped: str  # Message of the error that ended the run
+    run: Run | None = None  # None where it was refused
 
     @classmethod
     def of(cls, run: Run, scene: Scene, view: View) -> Told:
@@ -507,7 +508,18 @@ class Told:
             / (force * view.length)
             for e in (record.energy for record in given)
         ]
-        return cls(np.array(forces), np.array(energies), rows, run.residuals, run.stopped)
+        return cls(np.array(forces), np.array(energies), rows, run.residuals, run.stopped, run)
+
+    def rounded(self) -> tuple[float, float]:
+        """What rounding may do to forces, over the largest, and to energies, over their size; of a
+        run on one rank."""
+        run = self.run
+        if run is None:
+            return 0.0, 0.0
+        size = max(record.energy.stored + record.energy.dissipated for record in run.records)
+        # W is the difference of numbers of the size of the moduli.
+        of_W = EPS * stiffest(run) * run.reach**run.case.mesh.d / size
+        return 10 * run.rounding / run.force, of_W
 
     def same_rows(self, other: Told) -> bool:
         """Whether both have gone by the same load factors."""
@@ -549,14 +561,13 @@ def views(scene: Scene, number: int) -> dict[str, tuple[View, float]]:
     return found
 
 
-def fault(name: str, one: Told, other: Told, allowed: float, rounded: float = 0.0) -> str:
+def fault(name: str, one: Told, other: Told, allowed: float) -> str:
     """What is wrong with another way of telling a scene; empty if nothing is.
 
     Args:
         name: Of the way.
         one, other: The scene at home and told in this way.
-        allowed: Difference.
-        rounded: Rounding of the energies, which may come on top unless all digits are to be equal.
+        allowed: Difference, rounding apart; 0 if all digits are to be equal.
     """
     if bool(one.stopped) != bool(other.stopped):
         return f"{name}: stopped, {one.stopped or other.stopped}"
@@ -567,7 +578,9 @@ def fault(name: str, one: Told, other: Told, allowed: float, rounded: float = 0.
         allowed = max(allowed, ROWS)
     if allowed == 0 and one.residuals != other.residuals:
         return f"{name}: {other.residuals} residuals for {one.residuals}"
-    if force <= allowed and energy <= allowed + rounded * (allowed > 0):
+    of_force, of_energy = one.rounded() if allowed > 0 else (0.0, 0.0)
+    allowed += of_force
+    if force <= allowed and energy <= allowed + of_energy:
         return ""
     rows = f"{len(one.rows)} and {len(other.rows)} rows"
     return f"{name}: forces differ by {force:.1e}, energies by {energy:.1e}, {rows}"
@@ -670,17 +683,11 @@ def judged(number: int) -> Case:
         if run.stopped:
             return found
         settled, change = settles(scene, here)
-        rounded = 10 * run.rounding / run.force
-        size = max(record.energy.stored + record.energy.dissipated for record in run.records)
-        # W is the difference of numbers of the size of the moduli.
-        of_W = EPS * stiffest(run) * run.reach**scene.d / size
         for name, (view, allowed) in views(scene, number).items():
-            if allowed == SAME:
-                allowed += rounded
-            elif allowed == SIDE:
+            if allowed == SIDE:
                 allowed = max(SIDE, change)
             other = told(scene, view)
-            wrong = fault(name, here, other, allowed, of_W)
+            wrong = fault(name, here, other, allowed)
             vanishes = wrong and allowed >= SIDE and swapped_settles(scene, here, other)
             found.append("" if vanishes else wrong)
         found.append(settled)
