@@ -480,13 +480,18 @@ class Discretization:
             if self._dilatation is not None:
                 self._dilatation.add_to(matrix, parts)
 
-    def stored_energy(self) -> NDArray[np.float64]:
-        """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm]."""
+    def stored_energy(self, anew: bool = False) -> NDArray[np.float64]:
+        """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm].
+
+        Args:
+            anew: Eigenstrains have changed since the last residual.
+        """
         self.update_means()
         stored = np.zeros(3)
         stored[0] = fem.assemble_scalar(self._energy_form)
         stored[1] = float(self.geometry.thickness) * sum(
-            recoverable_energy(active) + interface_energy(active) for active in self.active.values()
+            recoverable_energy(active) + interface_energy(active, anew)
+            for active in self.active.values()
         )
         stored[2] = self.surface.spring_energy()
         return stored

@@ -17,7 +17,7 @@ from ..domain.topology import mark_everywhere, refuse_facets
 from ..forms import kinematics
 from ..points.facets import InterfaceFacets
 from ..points.interface import Interface, InterfaceList
-from ..points.points import FacetPoints, SideEvaluators
+from ..points.points import Evaluator, FacetPoints
 from .stabilization import Stabilizer
 
 #: Utilization above which a facet is opened before the next step; above which others open with it,
@@ -54,26 +54,22 @@ class PotentialFacets:
         #: Area of all facets on this rank [mm2; mm in plane strain].
         self.area = float(quadrature.area.sum())
         self._delta: NDArray[np.float64] | None = None
-        self._tractions: SideEvaluators | None = None
+        self._tractions: Evaluator | None = None
 
     def follow(self, u: fem.Function) -> None:
         if self._delta is None:
             stabilizer = Stabilizer(self.interface, self._quadrature, u, self._bodies)
             self._delta = stabilizer.derive().delta
         d = self._quadrature.d
-        self._tractions = self._quadrature.side_evaluators(
-            u,
-            self._bodies,
-            (d,),
-            lambda body, F, N, a: kinematics.traction(body, F, N),
-            "traction",
+        self._tractions = self._quadrature.evaluator(
+            u, self._bodies, (d,), kinematics.traction, "traction"
         )
 
     def utilization(self) -> NDArray[np.float64]:
         """Largest traction of every facet relative to that at which it opens (nf,)."""
         q = self._quadrature
         delta = self._delta[q.facet]
-        first, second = (evaluate() for evaluate in self._tractions)
+        first, second = self._tractions()
         # The kernels use the outward normal of their side, -N on side 2.
         T = np.einsum("pij,pj->pi", delta[:, 0], first)
         T -= np.einsum("pij,pj->pi", delta[:, 1], second)

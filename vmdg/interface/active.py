@@ -81,6 +81,7 @@ class ActiveInterface:
             given = self.quadrature.distance, self.quadrature.normal
             self.history = self.history.apart(*given)
         self.values = self._return_map.start()
+        self._made_at: tuple[object, ...] = (None, None, None)
         # For a resumed run, the work gradient of the last step before.
         self._resumed: NDArray[np.float64] | None = None
         self._overstress_modulus: NDArray[np.float64] | None = None
@@ -276,6 +277,16 @@ class ActiveInterface:
     def take(self, values: PointValues) -> None:
         """Store the result of a return map at the points, of which the residual is made."""
         self.values = values
+        self._made_at = self._state()
+
+    def _state(self) -> tuple[object, ...]:
+        return self.values, self.stabilization, self.quadrature.field(self._u)
+
+    @property
+    def up_to_date(self) -> bool:
+        """Whether the values are those of the present displacement and tau_s; eigenstrains may have
+        changed."""
+        return all(a is b for a, b in zip(self._made_at, self._state(), strict=True))
 
     @cached_property
     def point_tangent(self) -> PointTangent:
@@ -359,7 +370,8 @@ class ActiveInterface:
     def snapshot(self) -> InterfaceSnapshot:
         """The current state; its arrays are never modified."""
         share = None if self.fluid is None else self.fluid.share
-        return InterfaceSnapshot(self.history, self.values, self.stabilization, share)
+        known = self.history, self.values, self.stabilization, share
+        return InterfaceSnapshot(*known, up_to_date=self.up_to_date)
 
     def return_to(self, snapshot: InterfaceSnapshot) -> None:
         self.history, self.values = snapshot.history, snapshot.values
@@ -368,6 +380,8 @@ class ActiveInterface:
         self._set_stabilization(snapshot.stabilization)
         if self.fluid is not None and snapshot.share is not None:
             self.fluid.share = snapshot.share
+        if snapshot.up_to_date:
+            self._made_at = self._state()
 
     def continue_from(self, other: ActiveInterface) -> None:
         """Copy history, floor and fluid of the facets of ``other``; new facets have none."""
@@ -528,16 +542,23 @@ def interface_flux(active: ActiveInterface) -> NDArray[np.float64]:
     return active.terms(active.stabilization, active.values) * areas[:, None]
 
 
-def interface_energy(active: ActiveInterface) -> float:
-    """Energy (30) at this rank's points [N mm; N in plane strain]."""
+def interface_energy(active: ActiveInterface, anew: bool = False) -> float:
+    """Energy (30) at this rank's points [N mm; N in plane strain].
+
+    Args:
+        anew: Eigenstrains have changed since the last return map.
+    """
     if active.stabilization is None:
         return 0.0
-    # Eigenstrains may have changed since the last return map: tractions again, with its zeta.
-    trial, values = active.trial(), active.values
-    if active.law.inelastic:
-        R, gap = values.rotation, values.gap
-        trial = replace(trial, gap=gap if R is None else np.einsum("pji,pj->pi", R, gap))
-    energy = active.terms.energy(active.stabilization, evaluate(active.law, trial, 1.0, values))
+    values = active.values
+    if anew or not active.up_to_date:
+        # Tractions again, with its zeta.
+        trial = active.trial()
+        if active.law.inelastic:
+            R, gap = values.rotation, values.gap
+            trial = replace(trial, gap=gap if R is None else np.einsum("pji,pj->pi", R, gap))
+        values = evaluate(active.law, trial, 1.0, values)
+    energy = active.terms.energy(active.stabilization, values)
     if active.fluid is None:
         return energy
     # The traction has the fluid in it, whose work is that of a load.

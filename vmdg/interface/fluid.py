@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..base.arrays import joined_axes
 from ..domain.materials import Bodies
 from ..forms import kinematics
-from ..points.points import Points, SideEvaluators
+from ..points.points import Evaluator, Points
 from .return_map import apply
 from .stabilization import Stabilization
 from .values import PointValues
@@ -36,31 +36,25 @@ class Fluid:
         self.pressure = fem.Function(quadrature.space(()), name="fluid")
         self.share = np.ones(len(quadrature.weights))
         self._quadrature, self._u = quadrature, u
-        self._area = None
-        self._area_slopes: SideEvaluators | None = None
+        self._area: Evaluator | None = None
+        self._area_slopes: Evaluator | None = None
         if not bodies.small:
-            self._area = quadrature.side_evaluators(
-                u,
-                bodies,
-                (quadrature.d,),
-                lambda body, F, N, a: kinematics.area_vector(body, F, N),
-                "current area",
+            self._area = quadrature.evaluator(
+                u, bodies, (quadrature.d,), kinematics.area_vector, "current area"
             )
             n = quadrature.geometry.size(quadrature.d)
-            self._area_slopes = quadrature.side_evaluators(
+            self._area_slopes = quadrature.evaluator(
                 u,
                 bodies,
                 (quadrature.d, n, n),
-                lambda body, F, N, a: ufl.diff(kinematics.area_vector(body, F, N), F),
+                lambda body, F, N: ufl.diff(kinematics.area_vector(body, F, N), F),
                 "slope of the current area",
             )
 
     @property
-    def areas(self) -> tuple[Array, Array]:
-        """J F^-T.N of both sides, N outward (nq, d)."""
-        if self._area is None:
-            return self._quadrature.outward[0], self._quadrature.outward[1]
-        return self._area[0](), self._area[1]()
+    def areas(self) -> Array:
+        """J F^-T.N of both sides, N outward (2, nq, d)."""
+        return self._quadrature.outward if self._area is None else self._area()
 
     def intrusion(self, values: PointValues, stabilization: Stabilization) -> Array:
         """{J F^-T.N}.s, by which the volume between the faces exceeds that of the gap (nq,) [mm].
@@ -88,8 +82,8 @@ class Fluid:
         jets, points = quadrature.jets(self._u.function_space), quadrature.points_of_facet
         d, n = quadrature.d, quadrature.geometry.size(quadrature.d)
         columns = [i * n + j for i, j in jets.entries]
-        for a, evaluate in enumerate(self._area_slopes or ()):
-            slopes = evaluate().reshape(-1, d, n * n)[..., columns]
+        for a, slopes in enumerate(self._area_slopes() if self._area_slopes else ()):
+            slopes = slopes.reshape(-1, d, n * n)[..., columns]
             slopes = (self._pressed[:, None, None] * slopes)[points]
             B = joined_axes(jets.gradient_entries(jets.gradients[:, :, a]), 3)
             moved = slopes @ B

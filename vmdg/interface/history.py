@@ -67,6 +67,7 @@ class InterfaceSnapshot:
         share: Fraction of a fluid's pressure that acted in the last step; None for none.
         gradient: Work gradient of that step, for a resumed run; None where it can be computed.
         pairs: Pairs of surfaces that slide; None for others.
+        up_to_date: Whether the values are those of the displacement and tau_s.
     """
 
     history: PointHistory
@@ -75,6 +76,7 @@ class InterfaceSnapshot:
     share: NDArray[np.float64] | None = None
     gradient: NDArray[np.float64] | None = None
     pairs: Any = None
+    up_to_date: bool = False
 
 
 def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> Record:

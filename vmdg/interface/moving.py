@@ -427,7 +427,7 @@ class MovingInterface(ActiveInterface):
         maps, known = self._return_map, (self.stabilization, self.values)
         gradients = self.quadrature.field(self._u)[1]
         frame, terms = maps.frame(self.quadrature.leading(gradients)), self.terms(*known)
-        state = self.stabilization, frame, self.values.traction, terms, maps.flux(1)
+        state = self.stabilization, frame, self.values.traction, terms, maps.flux()[1]
         self._partners.add_to(D, traction, C, *state)
 
     @cached_property

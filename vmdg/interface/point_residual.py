@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..domain.materials import Bodies
 from ..forms import kinematics
-from ..points.points import Points, SideEvaluators
+from ..points.points import Evaluator, Points
 from .stabilization import Stabilization
 from .values import PointValues
 
@@ -29,13 +29,14 @@ Array = NDArray[np.float64]
 def adjoint_directions(
     stabilization: Stabilization, values: PointValues, facet: NDArray[np.int32], jump: bool
 ) -> Array:
-    """v_1 and v_2 of the adjoint term of (27), with the traction jump of (26) (nq, 2, d) [mm]."""
+    """v_1 and -v_2 of the adjoint term of (27), with the traction jump of (26) (2, nq, d) [mm]: the
+    kernels use the outward normal of their side, -N on side 2."""
     weights = stabilization.weights[facet].swapaxes(2, 3)
     directions = (weights @ values.elastic_opening[:, None, :, None])[..., 0]
     if jump:
         more = np.einsum("pij,pj->pi", stabilization.delta_s[facet], values.jump)
         directions += np.stack([-more, more], axis=1)
-    return directions
+    return np.stack([directions[:, 0], -directions[:, 1]])
 
 
 class PointResidual:
@@ -58,40 +59,34 @@ class PointResidual:
         d, geometry = quadrature.d, quadrature.geometry
         self._n = n = geometry.size(d)
         self._columns = [i * n + j for i, j in geometry.entries(d)]
-        self._directions = [fem.Function(quadrature.space((d,))) for _ in range(2)]
+        self._directions = fem.Function(quadrature.space((d,)))
 
     def compile(self) -> None:
         """Compile the kernels now; collective."""
         _ = self._adjoint
 
     @cached_property
-    def _adjoint(self) -> SideEvaluators:
-        return self._quadrature.side_evaluators(
+    def _adjoint(self) -> Evaluator:
+        return self._quadrature.evaluator(
             self._u,
             self._bodies,
             (self._n, self._n),
-            lambda body, F, N, a: kinematics.projected_traction_moduli(
-                body, F, N, self._directions[a]
-            ),
+            lambda *given: kinematics.projected_traction_moduli(*given, self._directions),
             "adjoint term",
-            fluid=self._fluid,
+            self._fluid,
         )
 
     def __call__(self, stabilization: Stabilization, values: PointValues) -> Array:
         """q (nq, jet) [MPa; N/mm for the entries of GRAD]."""
-        parts = [values.traction]
-        directions = adjoint_directions(stabilization, values, self._quadrature.facet, self._jump)
-        # The kernels use the outward normal of their side, -N on side 2.
-        for a, sign in enumerate((1.0, -1.0)):
-            self._quadrature.write(self._directions[a], sign * directions[:, a])
-            flux = self._adjoint[a]()[:, self._columns]
-            if values.moment is not None:
-                moment = values.moment.reshape(len(flux), self._quadrature.d**2)
-                # M is half of the couple of a frame that turns with the mean of both sides.
-                share = 2.0 * self._quadrature.leads[:, a, None]
-                flux[:, : moment.shape[1]] -= share * moment
-            parts.append(flux)
-        return np.concatenate(parts, axis=1)
+        quadrature, d = self._quadrature, self._quadrature.d
+        directions = adjoint_directions(stabilization, values, quadrature.facet, self._jump)
+        quadrature.write(self._directions, directions)
+        flux = self._adjoint()[:, :, self._columns]
+        if values.moment is not None:
+            # M is half of the couple of a frame that turns with the mean of both sides.
+            share = 2.0 * quadrature.leads.T[:, :, None]
+            flux[:, :, : d**2] -= share * values.moment.reshape(-1, d**2)
+        return np.concatenate([values.traction, *flux], axis=1)
 
     def energy(self, stabilization: Stabilization, values: PointValues) -> float:
         """{P.N}.s + s.tau_s.s/2 over the points, (30) [N mm; N in plane strain].

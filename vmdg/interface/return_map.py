@@ -10,6 +10,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from ..domain.materials import Bodies
+from ..forms import kinematics
 from ..laws import Law, Update
 from ..points.interface import Interface
 from ..points.points import Points
@@ -79,7 +80,10 @@ class ReturnMap:
         self._d = d = quadrature.d
         self.turns = turns(interface, bodies, quadrature)
         self._frame = Frame(d, quadrature.mesh.comm) if self.turns else None
-        self._flux = quadrature.flux_evaluators(u, bodies, self.turns, fluid)
+        self._u = u
+        self._traction = quadrature.evaluator(
+            u, bodies, (d,), kinematics.traction, "traction", fluid
+        )
 
     def start(self) -> PointValues:
         d, count = self._d, len(self._quadrature.weights)
@@ -116,12 +120,13 @@ class ReturnMap:
             cycles: Load cycles that the step represents (nq,); None for none.
         """
         d, facet = self._d, self._quadrature.facet
-        flux1, flux2 = self._flux[0](), self._flux[1]()
+        one, two = self._traction()
+        displacement, gradients = self._quadrature.field(self._u)
         delta = stabilization.weights[facet]
         # The kernels use the outward normal of their side, -N on side 2.
-        mean = apply(delta[:, 0], flux1[:, :d]) - apply(delta[:, 1], flux2[:, :d])
-        jump = flux1[:, :d] + flux2[:, :d]
-        opening = flux2[:, d : 2 * d] - flux1[:, d : 2 * d]
+        mean = apply(delta[:, 0], one) - apply(delta[:, 1], two)
+        jump = one + two
+        opening = (displacement[:, :, 1] - displacement[:, :, 0]).reshape(-1, d)
         N, initial_gap = self._quadrature.normal, self._quadrature.initial_gap
         if self._quadrature.distance is not None:
             opening += self._quadrature.distance
@@ -130,8 +135,7 @@ class ReturnMap:
             return Trial(total, opening, jump, N)
         F, frame = None, ()
         if self._frame is not None:
-            gradient = np.stack([flux1[:, 2 * d :], flux2[:, 2 * d :]], axis=1)
-            F = np.eye(d) + self._quadrature.leading(gradient)
+            F = np.eye(d) + self._quadrature.leading(gradients)
             frame = self._frame.at(F, N)
             if initial_gap is not None:
                 opening += initial_gap - apply(frame[0], initial_gap)
@@ -155,9 +159,9 @@ class ReturnMap:
         assert self._frame is not None
         return self._frame.at(np.eye(self._d) + gradient, self._quadrature.normal)
 
-    def flux(self, a: int) -> Array:
-        """P.N of side ``a`` at the current displacement, N outward (nq, d) [MPa]."""
-        return self._flux[a]()[:, : self._d]
+    def flux(self) -> Array:
+        """P.N of both sides at the current displacement, N outward (2, nq, d) [MPa]."""
+        return self._traction()
 
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
         """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame.

@@ -8,7 +8,6 @@ kernels of 40,000 lines in 3D.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -45,10 +44,10 @@ class PointTangent:
         fluid: Pressure at the points; None for none.
 
     Attributes:
-        moduli: H_a of both sides (nq, d, entries) at the last evaluation [MPa].
+        moduli: H_a of both sides (2, nq, d, entries) at the last evaluation [MPa].
     """
 
-    moduli: Sequence[Array]
+    moduli: Array
 
     def __init__(
         self,
@@ -59,7 +58,7 @@ class PointTangent:
         jump: bool,
         fluid: fem.Function | None = None,
     ):
-        evaluators = partial(quadrature.side_evaluators, u, bodies, fluid=fluid)
+        evaluator = partial(quadrature.evaluator, u, bodies, fluid=fluid)
         d, geometry = quadrature.d, quadrature.geometry
         n = geometry.size(d)
         self._quadrature, self._space = quadrature, u.function_space
@@ -81,16 +80,14 @@ class PointTangent:
             quadrature.mesh.comm,
             name="interface's tangent",
         )
-        self._evaluate_moduli = evaluators(
-            (d, n, n), lambda body, F, N, a: kinematics.traction_moduli(body, F, N), "H"
-        )
+        self._evaluate_moduli = evaluator((d, n, n), kinematics.traction_moduli, "H")
         # At small strain the moduli do not change with the deformation: K of (85) is zero.
         self._finite = not bodies.small
         if self._finite:
-            self._directions = [fem.Function(quadrature.space((d,))) for _ in range(2)]
+            self._directions = fem.Function(quadrature.space((d,)))
             count = len(self._entries)
             components = count * (count + 1) // 2
-            self._evaluate_third = evaluators((components,), self._third_derivative, "K")
+            self._evaluate_third = evaluator((components,), self._third_derivative, "K")
 
     @property
     def jets(self) -> FacetJets:
@@ -102,8 +99,8 @@ class PointTangent:
         """dA (nq,) [mm2; times the thickness in plane strain]."""
         return self._quadrature.weights * float(self._quadrature.geometry.thickness)
 
-    def _third_derivative(self, body: Body, F: Expr, N: Expr, a: int) -> Expr:
-        K = kinematics.projected_third_derivative(body, F, N, self._directions[a])
+    def _third_derivative(self, body: Body, F: Expr, N: Expr) -> Expr:
+        K = kinematics.projected_third_derivative(body, F, N, self._directions)
         return kinematics.major_components(K, self._entries)
 
     def __call__(
@@ -136,11 +133,8 @@ class PointTangent:
         """
         quadrature = self._quadrature
         facet, d, size = quadrature.facet, quadrature.d, self.jets.size
-        # The kernels use the outward normal of their side, -N on side 2.
-        shape = -1, d, quadrature.geometry.size(d) ** 2
-        self.moduli = H = [
-            side().reshape(shape)[..., self._columns] for side in self._evaluate_moduli
-        ]
+        shape = 2, -1, d, quadrature.geometry.size(d) ** 2
+        self.moduli = H = self._evaluate_moduli().reshape(shape)[..., self._columns]
         K = self._geometric_term(stabilization, values) if self._finite else (None, None)
         changes = (None, None, None) if compliance is None or turning is None else turning
         delta_s = stabilization.delta_s[facet] if self._jump else None
@@ -172,11 +166,8 @@ class PointTangent:
         nodes = dofs[self._quadrature.facets.cells]
         call(self._module, "add_forces", points, jets.values, jets.gradients, flux, nodes, vector)
 
-    def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> list[Array]:
-        """Independent components of K_a of (85) of both sides (nq, components) [MPa]."""
+    def _geometric_term(self, stabilization: Stabilization, values: PointValues) -> Array:
+        """Independent components of K_a of (85) of both sides (2, nq, components) [MPa]."""
         directions = adjoint_directions(stabilization, values, self._quadrature.facet, self._jump)
-        found = []
-        for a, sign in enumerate((1, -1)):
-            self._quadrature.write(self._directions[a], sign * directions[:, a])
-            found.append(self._evaluate_third[a]())
-        return found
+        self._quadrature.write(self._directions, directions)
+        return self._evaluate_third()

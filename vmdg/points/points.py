@@ -29,7 +29,6 @@ from ..domain.shapes import (
     places_in_cells,
     reference_facets,
 )
-from ..forms import kinematics
 from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import CARTESIAN, GeneralizedPlane, Geometry
 from ..forms.kinematics import Body
@@ -41,14 +40,11 @@ Array = NDArray[np.float64]
 #: Fields of a body at points that facets need.
 _FACET_FIELDS = "facet_stress", "facet_moduli", "facet_stretch"
 
-#: Returns values at the facet points of one side (number of points, number of components).
+#: Returns values at the points on side 1 and on side 2 (2, nq, components).
 Evaluator = Callable[[], Array]
 
-#: Of side 1 and side 2.
-SideEvaluators = tuple[Evaluator, Evaluator]
-
-#: expression(body, F, N, side).
-SideExpression = Callable[[Body, Expr, Expr, int], Expr]
+#: expression(body, F, N) of one side.
+SideExpression = Callable[[Body, Expr, Expr], Expr]
 
 
 class Points:
@@ -109,13 +105,13 @@ class Points:
         self._last: tuple[Array, tuple[Array, Array]] | None = None
         self.taken = object()  # another one for other points
         if room is not None:
-            # One cell for every point: kernels are evaluated there with F and N as coefficients.
-            self._cells_of_points = _intervals(max(room, 1), self.d)
+            # One cell for every point and side: kernels are evaluated there with F and N as
+            # coefficients.
+            self._cells_of_points = _intervals(2 * max(room, 1), self.d)
             self._spaces: dict[tuple[int, ...], fem.FunctionSpace] = {}
             n, d = self.geometry.size(self.d), self.d
-            self.F, self.N = ([fem.Function(self.space(s)) for _ in "12"] for s in ((n, n), (d,)))
-        for N, outward in zip(self.N, self.outward, strict=True):
-            self.write(N, outward)
+            self.F, self.N = (fem.Function(self.space(shape)) for shape in ((n, n), (d,)))
+        self.write(self.N, self.outward)
 
     def leading(self, gradients: Array) -> Array:
         """GRAD u of the frame of the law (nq, d, d), from entries of both sides
@@ -125,15 +121,15 @@ class Points:
         return np.einsum("pa,pae->pe", self.leads, both).reshape(-1, d, d)
 
     def space(self, shape: tuple[int, ...]) -> fem.FunctionSpace:
-        """Space of values of the given shape at every point, (44)-(45); its dofs are numbered like
-        the points."""
+        """Space of values of the given shape at every point, (44)-(45), on side 1 and then on side
+        2; its dofs are numbered like the points."""
         if shape not in self._spaces:
             self._spaces[shape] = fem.functionspace(self._cells_of_points, ("DG", 0, shape))
         return self._spaces[shape]
 
     @staticmethod
     def write(function: fem.Function, values: Array) -> None:
-        """Set a function of :meth:`space` to values at the points (nq, ...)."""
+        """Set a function of :meth:`space` to values at the points of both sides (2, nq, ...)."""
         function.x.array[: values.size] = values.ravel()
 
     def shapes(self, degree: int) -> list[tuple[Array, Array]]:
@@ -176,13 +172,12 @@ class Points:
     def _write_deformations(self, gradients: Array) -> None:
         """Set F of both sides from entries of GRAD u (nf, points, 2, entries)."""
         rows, columns = np.transpose(self.geometry.entries(self.d))[:, : gradients.shape[3]]
-        one = np.eye(self.geometry.size(self.d))
-        for a, function in enumerate(self.F):
-            F = np.tile(one, (len(self.facet), 1, 1))
-            F[:, rows, columns] += gradients[:, :, a].reshape(len(F), len(rows))
-            self.write(function, F)
+        F = np.tile(np.eye(self.geometry.size(self.d)), (2, len(self.facet), 1, 1))
+        entries = gradients.reshape(len(self.facet), 2, len(rows))
+        F[:, :, rows, columns] += entries.swapaxes(0, 1)
+        self.write(self.F, F)
 
-    def side_evaluators(
+    def evaluator(
         self,
         u: fem.Function,
         bodies: Bodies,
@@ -190,47 +185,16 @@ class Points:
         expression: SideExpression,
         name: str,
         fluid: fem.Function | None = None,
-    ) -> SideEvaluators:
-        """Evaluators of ``expression(body, F, N, side)`` on both sides.
+    ) -> Evaluator:
+        """Evaluator of ``expression(body, F, N)`` on both sides.
 
         N is the outward normal of each side; where the areas of the sides differ, that of side 2 is
         its area per area of side 1.
 
         Args:
-            expression: Of the body, F, N and the side, 0 or 1.
-            fluid: Fluid pressure at the points; None for none.
+            fluid: Fluid pressure at the points of side 1; None for none.
         """
-
-        def one_side(a: int) -> Evaluator:
-            return _PointExpressions(self, u, bodies, a, shape, expression, name, fluid)
-
-        return one_side(0), one_side(1)
-
-    def flux_evaluators(
-        self, u: fem.Function, bodies: Bodies, turns: bool, fluid: fem.Function | None
-    ) -> SideEvaluators:
-        """Evaluators of P.N, u and, where the frame of the law turns, of GRAD u in the section."""
-        d = self.d
-        tractions = self.side_evaluators(
-            u,
-            bodies,
-            (d,),
-            lambda body, F, N, a: kinematics.traction(body, F, N),
-            "flux",
-            fluid=fluid,
-        )
-
-        def one_side(a: int) -> Evaluator:
-            def evaluate() -> Array:
-                displacement, gradient = self.field(u)
-                values = [tractions[a](), displacement[:, :, a].reshape(-1, d)]
-                if turns:
-                    values.append(gradient[:, :, a, : d * d].reshape(-1, d * d))
-                return np.hstack(values)
-
-            return evaluate
-
-        return one_side(0), one_side(1)
+        return _PointExpressions(self, u, bodies, shape, expression, name, fluid)
 
     def bubble_factors(self) -> Array:
         """(int_gamma b_s dA)^2 / meas(gamma) of (21) on the facets of both sides (2, nf).
@@ -281,24 +245,20 @@ class FacetPoints(Points):
 
 
 class _PointExpressions:
-    """An expression of the body, F and N at the points of one side, by a kernel for every region.
-
-    Args:
-        fluid: Fluid pressure at the points; None for none.
-    """
+    """An expression of the body, F and N at the points of both sides, with a kernel for every
+    region."""
 
     def __init__(
         self,
         quadrature: Points,
         u: fem.Function,
         bodies: Bodies,
-        a: int,
         shape: tuple[int, ...],
         expression: SideExpression,
         name: str,
-        fluid: fem.Function | None = None,
+        fluid: fem.Function | None,
     ):
-        self._quadrature, self._u, self._a = quadrature, u, a
+        self._quadrature, self._u, self._fluid = quadrature, u, fluid
         self._region, self._points = bodies.region, bodies.points
         self._size = int(np.prod(shape, dtype=int))
         # Fields on the mesh, and their values at the points.
@@ -306,14 +266,16 @@ class _PointExpressions:
         self._constants: list[tuple[fem.Constant, fem.Constant]] = []
         self._parts: list[tuple[int, PointKernel]] = []
         self._taken: object = None
-        F, N = quadrature.F[a], quadrature.N[a]
+        F, N = quadrature.F, quadrature.N
         # The last entry of F on the diagonal may be no derivative of the displacement.
         self._free_entry = isinstance(quadrature.geometry, MeanDilatation | GeneralizedPlane)
         used: set[fem.Function] = set()
-        here = np.unique(bodies.region[quadrature.facets.cells_of(a)])
+        cells = np.concatenate([quadrature.facets.cells_of(a) for a in (0, 1)])
+        here = np.unique(bodies.region[cells])
         for number in np.unique(np.concatenate(quadrature.mesh.comm.allgather(here))):
-            body = replace(self._at_points(bodies.regions[number].body), fluid=fluid)
-            value = expression(body, ufl.variable(F), N, a)
+            body = self._at_points(bodies.regions[number].body)
+            body = replace(body, fluid=None if fluid is None else self._there(fluid))
+            value = expression(body, ufl.variable(F), N)
             if isinstance(value, Zero):
                 continue
             entries = [value[i] for i in np.ndindex(*shape)] if shape else [value]
@@ -330,7 +292,7 @@ class _PointExpressions:
 
     def _moved(self, vector: Expr) -> Expr:
         """An expression with the Constants and Functions of a user's energy at the points."""
-        mesh, there = self._quadrature.mesh.ufl_domain(), self._quadrature.F[self._a]
+        mesh, there = self._quadrature.mesh.ufl_domain(), self._quadrature.F
         given: dict[Expr, Expr] = {}
         for constant in extract_constants(vector):
             if constant.ufl_domain() == mesh:
@@ -353,32 +315,38 @@ class _PointExpressions:
         return replace(body, parameters=parameters, eigenstrain=strain, points=points)
 
     def _values(self, field: fem.Function, cells: NDArray[np.int32]) -> Array:
-        """A field at the points, in their cells (nq, ...)."""
+        """A field at the points of both sides, in their cells (2 nq, ...)."""
+        if field is self._fluid:
+            return np.tile(field.x.array[: len(cells) // 2], 2)
         dofmap = field.function_space.dofmap
         values = field.x.array.reshape(-1, dofmap.index_map_bs)[dofmap.list[cells]]
         if values.shape[1] == 1:
             return values[:, 0]
-        places = self._quadrature.places()[self._a]
         if not len(cells):  # basix has no values at no points
             return values[:, 0]
         bodies = self._points
         own = bodies and any(field is getattr(bodies.fields, name) for name in _FACET_FIELDS)
         element = bodies.element if own else field.function_space.element.basix_element
-        basis = element.tabulate(0, places.reshape(len(cells), self._quadrature.d))[0]
+        places = [side.reshape(-1, self._quadrature.d) for side in self._quadrature.places()]
+        basis = element.tabulate(0, np.concatenate(places))[0]
         return np.einsum("pm,pmi->pi", basis.reshape(len(cells), -1), values)
 
     def _take_points(self) -> None:
         quadrature, self._taken = self._quadrature, self._quadrature.taken
-        self._cells = quadrature.facets.cells[quadrature.facet, self._a]
+        self._cells = quadrature.facets.cells[quadrature.facet].T.ravel()
+        gap = quadrature.initial_gap if quadrature.distance is None else quadrature.distance
+        X = quadrature.points
+        self._X = np.concatenate([X, X])
+        if gap is not None:
+            self._X[len(X) :, : quadrature.d] += gap
         region = self._region[self._cells]
         self._rows = [np.flatnonzero(region == number) for number, _ in self._parts]
 
     def __call__(self) -> Array:
-        """Values at the points (nq, components)."""
         quadrature = self._quadrature
         if self._taken is not quadrature.taken:
             self._take_points()
-        cells, F = self._cells, quadrature.F[self._a]
+        cells, F, X = self._cells, quadrature.F, self._X
         quadrature.field(self._u)
         if self._free_entry:
             entry = _last_entry(quadrature.geometry, cells)
@@ -387,13 +355,13 @@ class _PointExpressions:
             quadrature.write(function, self._values(field, cells))
         for given, there in self._constants:
             there.value = given.value
-        X = quadrature.points
         if len(self._parts) == 1 and len(self._rows[0]) == len(cells):
-            return self._parts[0][1](slice(len(cells)), X)
-        result = np.zeros((len(cells), self._size))
-        for (_, kernel), rows in zip(self._parts, self._rows, strict=True):
-            result[rows] = kernel(rows, X)
-        return result
+            result = self._parts[0][1](slice(len(cells)), X)
+        else:
+            result = np.zeros((len(cells), self._size))
+            for (_, kernel), rows in zip(self._parts, self._rows, strict=True):
+                result[rows] = kernel(rows, X)
+        return result.reshape(2, -1, self._size)
 
 
 def _intervals(count: int, d: int) -> Mesh:

@@ -413,7 +413,7 @@ class Ledger:
             loading.strain(factor)
             if bodies:
                 bodies.take(bodies.strained(state, SUDDEN * self._start.dt))
-            energies.append(self.discretization.stored_energy().sum())
+            energies.append(self.discretization.stored_energy(anew=True).sum())
         if bodies:
             bodies.take(state)
         one, two, three, here = global_sum(self._comm, energies)

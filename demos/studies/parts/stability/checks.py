@@ -385,7 +385,8 @@ def criterion(points: Points) -> list[str]:
 
 
 def irreversible(run: Run) -> list[str]:
-    """Damage and dissipation never decrease; of points, where no facets have opened."""
+    """Damage and dissipation never decrease, rounding of the energies apart; of points, where no
+    facets have opened."""
     found = []
     for before, after in zip(run.records, run.records[1:], strict=False):
         pairs = zip(run.laws, run.case.bonds, before.softening, after.softening, strict=True)
@@ -393,7 +394,8 @@ def irreversible(run: Run) -> list[str]:
             if not bond.slides and len(Q1) == len(Q0) and (Q1 < Q0).any():
                 share = (Q0 - Q1).max() / np.max(law.strength)
                 found.append(f"Q falls by {share:.1e} of the strength")
-        scale = 1e-9 * after.energy.dissipated
+        spent, stored = (abs(getattr(after.energy, kind)) for kind in ("dissipated", "stored"))
+        scale = 1e-9 * spent + 10 * EPS * (spent + stored)
         for name in ("damage", "friction", "plastic"):
             spent = getattr(after.energy, name) - getattr(before.energy, name)
             if spent < -scale:
