@@ -98,6 +98,15 @@ def test_push_through(comm, out):
     assert (out / "push_through.png").stat().st_size > 10_000
 
 
+def test_pressing_does_not_alternate(comm, out):
+    """Facets of 0.2 mm, of which pieces of 3e-4 mm meet as the block spreads: where s of the
+    nearest point counted alone, Newton's method alternated between two of them at 0.73."""
+    import ironing
+
+    history = ironing.main(steps=60, end=0.8, out=str(out))
+    assert len(history["load"]) <= 15
+
+
 @pytest.mark.long
 def test_ironing(comm, out):
     """Coarse forces of pressing and of drawing lie between the published ones; F/N is near mu.

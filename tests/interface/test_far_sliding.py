@@ -17,7 +17,8 @@ from support.scenes import DIMENSION
 import vmdg
 from vmdg import Mode, compat
 from vmdg.base.parallel import global_sum
-from vmdg.interface.moving import of_places, tractions_at
+from vmdg.interface.history import PointHistory
+from vmdg.interface.moving import CommittedPoints, tractions_at
 from vmdg.meshes import apart, blocks
 from vmdg.output.fields import InterfaceFields
 
@@ -373,13 +374,38 @@ def test_points_at_one_place_have_one_traction():
     assert traction == pytest.approx(-np.array([[0, 1], [0, 5], [0, 5], [0, 4.0]]))
 
 
-def test_points_at_one_place_carry_one_gap():
-    """The mean with the same sum of r dA times it, and one mode."""
-    X = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1e-16], [2.0, 0.0]])
-    values, modes = np.array([[1.0], [2.0], [6.0], [4.0]]), np.array([0, 3, 4, 1], dtype=np.int8)
-    gap, mode = of_places(values, modes, X, 2.0, np.array([1, 1, 3, 1.0]))
-    assert gap == pytest.approx(np.array([[1.0], [5.0], [5.0], [4.0]]))
-    assert mode.tolist() == [0, 4, 4, 1]
+@pytest.mark.parametrize("d", [2, 3])
+def test_what_points_carry_is_continuous(d):
+    """At a place its value, points next to each other as one; in between no jump, so that Newton's
+    method does not alternate, and nothing that rounding decides."""
+    rng = np.random.default_rng(d)
+    facet = np.repeat([0, 1], 8)
+    grid = np.tile(np.linspace(-1, 1, 8), 2)[:, None] * np.array([1.0, 0.3])[: d - 1]
+    grid += rng.uniform(-0.1, 0.1, grid.shape)
+    places = np.column_stack([grid, np.zeros(16), 1e3 * facet])
+    places[1], places[2] = places[0], places[0] + 0.01 * np.eye(d + 1)[0]
+    N, s, weight = np.tile(np.eye(d)[-1], (16, 1)), rng.normal(size=(16, d)), np.ones(16)
+    modes = np.zeros(16, dtype=np.int8)
+    modes[1] = 3
+    history = PointHistory(s, np.zeros(16), modes, s)
+    none = 2 * (np.zeros((0, d)),)
+    points = CommittedPoints(places, places, facet, N, s, history, weight, *3 * (none,), 0.0)
+
+    def at(x, facet):
+        x = np.column_stack([x, np.zeros(len(x)), np.full(len(x), 1e3 * facet)])
+        return points.at(x, np.full(len(x), facet), np.tile(N[0], (len(x), 1)))
+
+    found, mode = points.at(places[[3, 9]], facet[[3, 9]], N[:2])[::2]
+    assert found == pytest.approx(s[[3, 9]]) and mode.tolist() == [0, 0]
+    mean = places[:3].mean(axis=0)[None]
+    found, parted, mode, known = points.at(mean, facet[:1], N[:1])
+    assert found == pytest.approx(s[:3].mean(axis=0)[None])
+    assert parted == pytest.approx(s[:3, -1].mean()) and mode == [3] and known.all()
+    ends, share = rng.uniform(-1, 1, (2, d - 1)), np.linspace(0, 1, 4001)[:, None]
+    walk = at((1 - share) * ends[0] + share * ends[1], 1)[0]
+    assert 0 < np.abs(np.diff(walk, axis=0)).max() < 0.05 * np.ptp(s[8:])
+    assert (walk.min(axis=0) >= s[8:].min(axis=0)).all()
+    assert not at(np.zeros((1, d - 1)), 2)[3].any()
 
 
 #: The diagonal of a cube upright.

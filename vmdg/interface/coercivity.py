@@ -409,8 +409,8 @@ def _of_pairs(
         stretch: rho (n,).
     """
     per_area = np.column_stack([lambdas[:, 0], stretch * lambdas[:, 1]])
-    inverse = np.linalg.solve(T, delta.swapaxes(2, 3))
-    least = np.einsum("fa,faik,fakj->fij", per_area, delta, inverse, optimize=True)
+    compliances = delta @ np.linalg.solve(T, delta.swapaxes(2, 3))
+    least = (per_area[:, :, None, None] * compliances).sum(axis=1)
     # Of tau^-1.least, whose eigenvalues are those of a symmetric matrix.
     return np.linalg.eigvals(np.linalg.solve(tau, least)).real.max(axis=1)
 

@@ -7,8 +7,8 @@ what slides,
 
     zeta_T,n = [R^T.(x_2 - x_1)]_T(u_n) - s_n,    zeta_N,n >= 0,
 
-with s_n the elastic opening that the nearest point of the facet had at the end of the last step;
-points at a common corner of segments have one.
+with s_n the elastic opening between the nearest points of the facet at the end of the last step,
+see :meth:`CommittedPoints.at`; points at a common corner of segments have one.
 (Carrying zeta itself from point to point is a ratchet: a block without friction would lose half of
 its normal force within 1.2 of its lengths.) The tangent knows how pairs move. tau_s of a pair
 follows from its facets, for which it is derived once a step.
@@ -48,9 +48,12 @@ from .values import InterfaceState, PointValues, joined
 
 Array = NDArray[np.float64]
 
-#: Distance of points of two facets, relative to the size of the surface, by which points find the
-#: nearest one of their own facet.
+#: Distance of points of two facets, relative to their radii, by which points find the nearest one
+#: of their own facet.
 _FAR = 1e3
+
+#: Distance of points, relative to the radius of their facet, within which they carry one s.
+_CLOSE = 0.05
 
 #: Distances below this, relative to the size of the surface, are rounding.
 _SAME = 1e-12
@@ -168,12 +171,11 @@ class CommittedPoints:
 
     Attributes:
         u: Displacement there, local dofs [mm].
-        places: X of the points, and the number of their facet of side 1, as in :func:`_places`.
+        places: Of the points on their facets of side 1, as in :meth:`MovingInterface._places`.
         rows: That number (nq,).
         normal: Of side 1 (nq, d).
         elastic: s in the frame of the law (nq, d) [mm].
         stiffness: r dA (nq,).
-        size: Of the surface [mm].
         both: X on both sides of the points of all ranks (n, d) [mm].
         normals: Of side 1, of these, by side whose points at one place have one normal (n, d).
         tractions: Of these, in the frame of the law, likewise (n, d) [MPa].
@@ -187,7 +189,6 @@ class CommittedPoints:
     elastic: Array
     history: PointHistory
     stiffness: Array
-    size: float
     both: tuple[Array, Array]
     normals: tuple[Array, Array]
     tractions: tuple[Array, Array]
@@ -199,13 +200,58 @@ class CommittedPoints:
         return scipy.spatial.cKDTree(self.places)
 
     @cached_property
-    def carried(self) -> tuple[Array, Array, NDArray[np.int8]]:
-        """s (nq, d), zeta_N [mm] and mode (nq,), of points at one place the same."""
+    def _by_place(self) -> tuple[scipy.spatial.cKDTree, NDArray[np.intp], Array, NDArray[np.int8]]:
+        """Places, a point at each, s and zeta_N (n, d + 1) [mm], and mode.
+
+        Points next to each other, as on the pieces that remain where two facets hardly overlap, are
+        one place: the mean of their s, with the same sum of r dA times it, and the last mode. With
+        one s for each, s would have any slope.
+        """
+        place, weight = _numbered(self.places, _CLOSE)[0], self.stiffness
+        points = np.unique(place, return_index=True)[1]
+        whole = np.bincount(place, weight)[place]
+        share = np.divide(weight, whole, out=np.ones_like(whole), where=whole > 0)
         parted = np.einsum("pi,pi->p", self.history.gap, self.normal)
-        values = np.column_stack([self.elastic, parted])
-        given = self.places, self.size, self.stiffness
-        means, mode = of_places(values, self.history.mode, *given)
-        return means[:, :-1], means[:, -1], mode
+        columns = np.column_stack([self.places, self.elastic, parted]).T
+        means = np.column_stack([np.bincount(place, share * column) for column in columns])
+        places, values = np.split(means, [self.places.shape[1]], axis=1)
+        mode = np.zeros(len(points), dtype=self.history.mode.dtype)
+        np.maximum.at(mode, place, self.history.mode)
+        return scipy.spatial.cKDTree(places), points, values, mode
+
+    def at(
+        self, places: Array, rows: NDArray[np.intp], normal: Array
+    ) -> tuple[Array, Array, NDArray[np.int8], NDArray[np.bool_]]:
+        """s in the frame of the law (nq, d), zeta_N [mm] and mode at the end of the last step at
+        other points, and whether there was one on their facet (nq,).
+
+        The n nearest places of the facet count by ((1/d - 1/R)_+)^2, with R the distance of the
+        last of them (Franke and Little; Renka 1988, eq. 3): at a place its value, in between a
+        continuous function. If the nearest alone counted, s and friction would jump as a point
+        passes the middle between two of them, and Newton's method alternate.
+
+        Args:
+            places, rows, normal: As of the points themselves.
+        """
+        tree, points, values, mode = self._by_place
+        d = normal.shape[1]
+        distance, near = tree.query(places, np.arange(1, 2 ** (d - 1) + 2))
+        near = np.minimum(near, len(points) - 1)
+        distance[self.rows[points[near]] != rows[:, None]] = np.inf
+        some = np.isfinite(distance[:, 0])
+        distance = distance[some]
+        ratio = np.ones_like(distance)  # of the least to each
+        np.divide(distance[:, :1], distance, out=ratio, where=distance > 0)
+        share = (ratio - ratio[:, -1:]) ** 2
+        share[share.sum(axis=1) == 0, 0] = 1.0
+        share /= share.sum(axis=1, keepdims=True)
+        elastic, parted = np.zeros_like(normal), np.zeros(len(normal))
+        for k, part in enumerate(share.T):
+            at = near[some, k]
+            s = turned(values[at, :d], self.normal[points[at]], normal[some])
+            elastic[some] += part[:, None] * s
+            parted[some] += part * values[at, d]
+        return elastic, parted, mode[near[:, 0]], some
 
     @cached_property
     def nearby(self) -> tuple[scipy.spatial.cKDTree, scipy.spatial.cKDTree]:
@@ -243,6 +289,7 @@ class MovingInterface(ActiveInterface):
         super().__init__(interface, facets, u, bodies)
         sides = facets.surfaces.sides
         self._comm = facets.surfaces.mesh.comm
+        self._spheres = facets.surfaces.spheres
         self._size = float(box_sides(facets.surfaces.mesh).max())
         self.floor = np.zeros(sum(len(side.facets) for side in sides))
         self._paired = u.x.array.copy()
@@ -356,9 +403,11 @@ class MovingInterface(ActiveInterface):
         return self.facets.segments.first[self.quadrature.facet]
 
     def _places(self) -> Array:
-        """X of the points, and how far the facet of side 1 is from others (nq, d + 1) [mm]."""
-        q = self.quadrature
-        return np.column_stack([q.points[:, : q.d], _FAR * self._size * self._first()])
+        """X of the points relative to the radius of their facet of side 1, and how far that is from
+        others (nq, d + 1)."""
+        first, (centres, radii) = self._first(), self._spheres
+        way = self.quadrature.points[:, : self.quadrature.d] - centres[first]
+        return np.column_stack([way / radii[first, None], _FAR * first])
 
     def _carried_history(self) -> PointHistory:
         """History of the present points at the end of the last step, see the module."""
@@ -381,10 +430,9 @@ class MovingInterface(ActiveInterface):
             softening[bonded] *= self._damage[bonded]
             mode[bonded] = Mode.ELASTIC
         elif len(before.rows):
-            nearest, same = _nearest(before.tree, before.rows, self._places(), self._first())
-            at, (elastic, parted, modes) = nearest[same], before.carried
-            gap[same] -= turned(elastic[at], before.normal[at], N[same])
-            normal[same], mode[same] = parted[at], modes[at]
+            elastic, parted, modes, same = before.at(self._places(), self._first(), N)
+            gap -= elastic
+            normal[same], mode[same] = parted[same], modes[same]
         if before is not None and len(before.both[0]):
             traction = self._carried_traction(before, 0)
         along = np.einsum("pi,pi->p", gap, N)
@@ -394,7 +442,8 @@ class MovingInterface(ActiveInterface):
             return found
         # Points of a bond are the same as before.
         bonded = np.flatnonzero(q.facet < self.facets.bonded)
-        return with_rows(found, bonded, before.history, nearest[bonded])
+        nearest = before.tree.query(self._places()[bonded])[1]
+        return with_rows(found, bonded, before.history, nearest)
 
     def _carried_values(
         self, values: PointValues, nearest: NDArray[np.intp], same: NDArray[np.bool_]
@@ -530,7 +579,7 @@ class MovingInterface(ActiveInterface):
         found = [tractions_at(x, size, *known) for x in X]
         given = self._u.x.array.copy(), self._places(), self._first(), q.normal, s, self.history
         normals, tractions = zip(*found, strict=True)
-        given += stiffness, size, X, normals, tractions, self._pressed(T)
+        given += stiffness, X, normals, tractions, self._pressed(T)
         self._committed = CommittedPoints(*given)
 
     def snapshot(self) -> InterfaceSnapshot:
@@ -602,29 +651,6 @@ class MovingInterface(ActiveInterface):
         self.return_to(other.snapshot())
 
 
-def of_places(
-    values: Array, mode: NDArray[np.int8], places: Array, size: float, stiffness: Array
-) -> tuple[Array, NDArray[np.int8]]:
-    """Values of points that share a corner of segments of one facet, as the nearest of them would
-    be a matter of rounding: their mean, with the same sum of r dA times it, and the last mode.
-
-    Args:
-        values: Of every point (nq, n).
-        mode: Likewise (nq,).
-        size: Of the surface [mm].
-        stiffness: r dA (nq,).
-    """
-    place, count = _numbered(places, size)
-    if count is None:
-        return values, mode
-    whole = np.bincount(place, stiffness)[place]
-    share = np.divide(stiffness, whole, out=np.ones_like(whole), where=whole > 0)
-    mean = np.column_stack([np.bincount(place, share * column)[place] for column in values.T])
-    last = np.zeros(len(count), dtype=mode.dtype)
-    np.maximum.at(last, place, mode)
-    return np.where((count > 1)[place, None], mean, values), last[place]
-
-
 def tractions_at(
     places: Array, size: float, traction: Array, normal: Array, weights: Array
 ) -> tuple[Array, Array]:
@@ -638,7 +664,7 @@ def tractions_at(
         normal: N (n, d).
         weights: dA (n,).
     """
-    place, count = _numbered(places, size)
+    place, count = _numbered(places, _SAME * size)
     if count is None:
         return normal, traction
 
@@ -654,10 +680,10 @@ def tractions_at(
     return shared, np.where(several, mean(turned(traction, normal, shared)) / area, traction)
 
 
-def _numbered(places: Array, size: float) -> tuple[NDArray[np.intp], NDArray[np.intp] | None]:
+def _numbered(places: Array, apart: float) -> tuple[NDArray[np.intp], NDArray[np.intp] | None]:
     """Number of the place of every point (n,), and of the points at every place, None where each
-    has its own; ``size`` is that of the surface [mm]."""
-    near = scipy.spatial.cKDTree(places).query_pairs(_SAME * size, output_type="ndarray")
+    has its own; those not farther apart than this are at one."""
+    near = scipy.spatial.cKDTree(places).query_pairs(apart, output_type="ndarray")
     if not len(near):
         return np.arange(len(places)), None
     graph = scipy.sparse.coo_array((np.ones(len(near)), near.T), shape=2 * (len(places),))

@@ -218,6 +218,12 @@ class Surfaces:
             bonded=bonded,
         )
 
+    @cached_property
+    def spheres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Centres (n, d) and radii (n,) of the facets of side 1 before deformation [mm]."""
+        flat = self.flat(None)[0].rows(self._owned)
+        return flat.centres, flat.radii
+
     def intact(self) -> NDArray[np.bool_]:
         """Facets of side 1 that are bonded at the start (n,)."""
         return (self.damage < 1.0) & self.law.has_bond
