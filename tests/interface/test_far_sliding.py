@@ -419,7 +419,7 @@ def all_sides(scene, tag):
     return np.concatenate([scene.facet_tags.find(10 * tag + k) for k in range(3)])
 
 
-def _cornered(cell, turn, first):
+def _cornered(cell, turn, first, degree=1):
     """A block of two cells a side, turned by R (d, d), .02 mm above a floor."""
     d = DIMENSION[cell]
     # No node of the floor is under the corner.
@@ -438,24 +438,27 @@ def _cornered(cell, turn, first):
     interface = vmdg.Interface(
         surfaces=sides if first == 1 else sides[::-1], law=vmdg.Contact(MU), sliding=True
     )
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: SOFT, 2: SOFT}, [interface])
+    bodies = {1: SOFT, 2: SOFT}
+    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], degree=degree)
     problem.dirichlet(find(11), 0.0)
     return scene, problem
 
 
 @pytest.mark.parametrize(
-    ("cell", "turn", "first"),
+    ("cell", "turn", "first", "degree"),
     [
-        ("quadrilateral", rotation(2, np.deg2rad(45.0)), 1),
-        ("quadrilateral", rotation(2, np.deg2rad(45.0)), 2),
-        ("triangle", rotation(2, np.deg2rad(15.0)), 2),
-        pytest.param("tetrahedron", TIP, 1, marks=pytest.mark.long),
-        pytest.param("tetrahedron", TIP, 2, marks=pytest.mark.long),
+        ("quadrilateral", rotation(2, np.deg2rad(45.0)), 1, 1),
+        ("quadrilateral", rotation(2, np.deg2rad(45.0)), 2, 1),
+        ("triangle", rotation(2, np.deg2rad(15.0)), 2, 1),
+        pytest.param("tetrahedron", TIP, 1, 1, marks=pytest.mark.long),
+        pytest.param("tetrahedron", TIP, 2, 2, marks=pytest.mark.long),
+        pytest.param("hexahedron", TIP, 1, 1, marks=pytest.mark.long),
+        pytest.param("hexahedron", TIP, 2, 2, marks=pytest.mark.long),
     ],
 )
-def test_corner_touches_where_it_is(cell, turn, first):
+def test_corner_touches_where_it_is(cell, turn, first, degree):
     """Lowered with a corner or an edge first, whichever surface is side 1."""
-    scene, problem = _cornered(cell, turn, first)
+    scene, problem = _cornered(cell, turn, first, degree)
     d = DIMENSION[cell]
     top = scene.mesh.geometry.x[:, d - 1].max()
 

@@ -245,10 +245,13 @@ def test_not_opposite():
 def test_rules_with_corners():
     """Weights are positive, every corner is a point, and polynomials of the degree are exact."""
     triangle = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     for corners, rule, most in (
         (triangle[:2, :1], rule_with_corners(CellType.interval, 2), 3),
         (triangle[:2, :1], rule_with_corners(CellType.interval, 4), 5),
         (triangle, rule_with_corners(CellType.triangle, 2), 2),
+        (triangle, rule_with_corners(CellType.triangle, 4), 4),
+        (square, rule_with_corners(CellType.quadrilateral, 2), 3),
     ):
         places = rule.corners @ corners
         assert (rule.weights > 0).all()
@@ -257,7 +260,7 @@ def test_rules_with_corners():
         d = places.shape[1]
         for powers in np.ndindex(*d * (most + 1,)):
             exact = np.prod([1 / (1 + k) for k in powers])
-            if d == 2:
+            if len(corners) == 3:
                 if sum(powers) > most:
                     continue
                 one, two = powers

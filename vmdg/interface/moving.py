@@ -207,10 +207,10 @@ class CommittedPoints:
         one place: the mean of their s, with the same sum of r dA times it, and the last mode. With
         one s for each, s would have any slope.
         """
-        place, weight = _numbered(self.places, _CLOSE)[0], self.stiffness
+        place = _numbered(self.places, _CLOSE)[0]
         points = np.unique(place, return_index=True)[1]
-        whole = np.bincount(place, weight)[place]
-        share = np.divide(weight, whole, out=np.ones_like(whole), where=whole > 0)
+        weight = np.maximum(self.stiffness, np.finfo(float).tiny)
+        share = weight / np.bincount(place, weight)[place]
         parted = np.einsum("pi,pi->p", self.history.gap, self.normal)
         columns = np.column_stack([self.places, self.elastic, parted]).T
         means = np.column_stack([np.bincount(place, share * column) for column in columns])
@@ -674,10 +674,11 @@ def tractions_at(
 
     shared, tiny = mean(normal), np.finfo(float).tiny
     shared /= np.maximum(np.linalg.norm(shared, axis=1, keepdims=True), tiny)
-    several = (count > 1)[place, None]
-    shared = np.where(several, shared, normal)
     area = np.bincount(place, weights)[place, None]
-    return shared, np.where(several, mean(turned(traction, normal, shared)) / area, traction)
+    several = (count > 1)[place, None] & (area > 0)
+    shared = np.where(several, shared, normal)
+    means = mean(turned(traction, normal, shared)) / np.maximum(area, tiny)
+    return shared, np.where(several, means, traction)
 
 
 def _numbered(places: Array, apart: float) -> tuple[NDArray[np.intp], NDArray[np.intp] | None]:
