@@ -168,9 +168,9 @@ class ExplicitSteps:
         if reason := problem.step.invalid():
             return reason
         before, self._accelerations = self._accelerations, self._squares()
-        stiffness = 4 * self._largest / self._longest**2
-        self.balance.rounding = float(np.finfo(float).eps) * self._size**2 * stiffness
-        reason = self.balance.fault(self._h**2 / 8 * (self._accelerations - before))
+        stiffness = 4 * self._largest / (self._longest * self._longest)
+        self.balance.rounding = float(np.finfo(float).eps) * self._size * self._size * stiffness
+        reason = self.balance.fault(self._h * self._h / 8 * (self._accelerations - before))
         if reason:
             self._accelerations = before
         return reason

@@ -169,9 +169,10 @@ class ImplicitSteps:
             return Attempt(False, reason=str(error))
         u0, R0 = step.start.u[:owned], forces_at_start(step)
         self._dt, self._norms = h, []
-        # a_1 = (u_1 - away)/(beta h^2), and the equation is divided by 1 - alpha_f.
-        self._away = u0 + h * v0 + h**2 * (0.5 - beta) * a0
-        self._per_length, self._per_speed = 1 / (beta * h**2), gamma * h
+        # a_1 = (u_1 - away)/(beta h^2), and the equation is divided by 1 - alpha_f. Powers by the
+        # library of C are rounded otherwise in another unit of time, products are not.
+        self._away = u0 + h * v0 + h * h * (0.5 - beta) * a0
+        self._per_length, self._per_speed = 1 / (beta * (h * h)), gamma * h
         self._share = share = 1 - scheme.alpha_f
         self._inertia = (1 - scheme.alpha_m) / share
         drag0 = self._drag(v0)
@@ -184,7 +185,7 @@ class ImplicitSteps:
         if self._rate is not None:
             self._system.inertia.append((self._rate, 1 / share))
         self._moves = self._supports.at(t - h, t, t + h)
-        start = u0 + h * v0 + h**2 * a0 / 2
+        start = u0 + h * v0 + h * h * a0 / 2
         converged, reason = self._snes.solve(self, start, searches=True)
         word = step.invalid() if converged else cause(step.discretization, reason)
         if not word and not step.stabilization_suffices():
@@ -215,7 +216,8 @@ class ImplicitSteps:
         carried[held] += inertia[held] + viscous[1]
         motion.move(v1, a1, carried)
         work = self._goal * global_norm(self._comm, change)  # of unbalanced forces
-        self.balance.rounding = float(np.finfo(float).eps) * self._size**2 * self._system.norm
+        area = self._size * self._size
+        self.balance.rounding = float(np.finfo(float).eps) * area * self._system.norm
         if reason := self.balance.fault(0.0, work, strict, keeps):
             step.cancel()
             return found.failed(reason)
@@ -241,7 +243,7 @@ class ImplicitSteps:
         self._moved = max(self._moved, float(here))
         # Below the forces that may be left unbalanced at both ends it is rounding.
         told = global_norm(self._comm, self._motion.of(change)) > 2 * self._goal
-        error *= abs(self._scheme.beta - 1 / 6) * h**2 * told
+        error *= abs(self._scheme.beta - 1 / 6) * h * h * told
         ratio = error / (tolerance * self._moved) if self._moved > 0 else 0.0
         # Of third order.
         self._longest = h * min(max(_AIM * ratio ** (-1 / 3) if ratio else np.inf, 0.2), 2.0)
