@@ -261,6 +261,7 @@ def test_back_to_statics(comm):
     assert np.abs(problem.u.x.array).max() < 1e-9
 
 
+@pytest.mark.filterwarnings("ignore:solve_dynamics. up to")  # long steps
 def test_step_that_fails(comm):
     """The state is that of the last step, and the message says which step failed and why."""
     problem, facets = bar(comm, 2, vmdg.Bonded(), kinematics="finite")

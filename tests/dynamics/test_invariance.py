@@ -12,7 +12,7 @@ from vmdg.meshes import blocks
 TIMES = np.linspace(0.0, 0.02, 5)[1:]
 
 
-def flight(comm, scheme, kinematics, L=1.0, S=1.0, T=1.0, angle=0.0):
+def flight(comm, scheme, kinematics, L=1.0, S=1.0, T=1.0, angle=0.0, times=TIMES):
     """Two blocks, the left one held, whose bond tears as the right one flies off: energies, opening
     and force on the support, in units of L [mm], S [MPa] and T [s].
     """
@@ -44,7 +44,7 @@ def flight(comm, scheme, kinematics, L=1.0, S=1.0, T=1.0, angle=0.0):
         force = problem.reaction(left) / (S * L)
         return dict(zip("ksdnmxy", [*parts, *(turned.T @ gap), *(turned.T @ force)], strict=True))
 
-    history = vmdg.solve_dynamics(problem, T * TIMES, scheme, velocity, monitor).history
+    history = vmdg.solve_dynamics(problem, T * times, scheme, velocity, monitor).history
     return np.array([history[name] for name in "ksdnmxy"])
 
 
@@ -64,6 +64,17 @@ def test_units_and_axes(comm, scheme, kinematics):
     if kinematics == "finite":
         found = flight(comm, scheme, kinematics, angle=2.1)
         assert (np.abs(found - expected) / scale).max() < 1e-9
+
+
+@pytest.mark.filterwarnings("ignore:solve_dynamics. up to")  # long steps
+@pytest.mark.parametrize("scheme", [vmdg.GeneralizedAlpha(), vmdg.CentralDifferences(renewal=3)])
+def test_powers_of_two(comm, scheme):
+    """Another unit of time changes no digit, of steps whose squares C rounds otherwise in it."""
+    T, steps = 2.0**14, np.random.default_rng(1).uniform(0.002, 0.006, 40000).tolist()
+    odd = [h for h in steps if (T * h) ** 2 != T**2 * h**2]
+    times = np.cumsum((odd + steps)[:4])
+    one, other = (flight(comm, scheme, "finite", T=t, times=times) for t in (1.0, T))
+    assert np.array_equal(one, other)
 
 
 def test_steps_that_adapt(comm):

@@ -188,9 +188,16 @@ class ShapeGradients:
 
     In axisymmetry a column N_a / r follows the derivatives of a shape function N_a, for the hoop
     entry of GRAD, and the weights count the circumference.
+
+    Args:
+        in_pieces: Whether forms integrate over pieces of facets, with points at their ends or not.
+            In a distorted quadrilateral a flux h is a rational function, and its square may be
+            largest at a corner of the cell: the integral over pieces is then between that by the
+            points of Gauss of the whole facet and that by points of Lobatto, its corners among
+            them, which are taken.
     """
 
-    def __init__(self, mesh: Mesh, geometry: Geometry, degree: int):
+    def __init__(self, mesh: Mesh, geometry: Geometry, degree: int, in_pieces: bool = False):
         self._mesh = mesh
         self._geometry = geometry
         cell, d = mesh.basix_cell(), mesh.geometry.dim
@@ -198,7 +205,11 @@ class ShapeGradients:
             cell, bulk_degree(mesh.topology.cell_name(), degree, geometry)
         )
         facet = basix.cell.subentity_types(cell)[d - 1][0]
-        self.facet_points, self._facet_weights = basix.make_quadrature(facet, facet_degree(degree))
+        lobatto = in_pieces and facet != basix.CellType.triangle
+        rule = basix.QuadratureType.gll if lobatto else basix.QuadratureType.default
+        self.facet_points, self._facet_weights = basix.make_quadrature(
+            facet, facet_degree(degree), rule=rule
+        )
         self._shape = lagrange(mesh.topology.cell_name(), degree)
         self.nodes_of_cell = self._shape.dim
         self._hoop = isinstance(geometry, Axisymmetric)

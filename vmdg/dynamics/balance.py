@@ -1,4 +1,4 @@
-"""Whether a run in time makes energy from nothing."""
+"""Whether a run in time makes energy from nothing, or loses it where bodies meet."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from ..base.parallel import warn_together
 from ..problem.motion import moving
 from ..problem.problem import Problem
 
-#: Energy that a scheme may make, relative to the largest kinetic and stored energy so far.
+#: Energy that a scheme may make, or lose where surfaces meet or part, relative to the largest
+#: kinetic and stored energy so far.
 ALLOWED = 1e-2
 
-#: Reason of a step that makes more.
-GAINED = "ENERGY_GAINED"
+#: Reasons of a step that makes more, and of one that loses more.
+GAINED, LOST = "ENERGY_GAINED", "ENERGY_LOST"
 
 #: Imbalance that a run may have without a word, relative to the same.
 SILENT = 5e-2
@@ -36,6 +37,15 @@ class Balance:
     A strict balance counts what laws and bodies dissipate as spent. Where pairs of surfaces turn
     that is not the work of their tractions, however short the step, so that it does not end a run.
 
+    Nor may a step lose as much in which surfaces meet or part:
+
+        (E - W - b)_0 - (E - W - b)_1 <= ALLOWED max(E) + w + w_r.
+
+    A force that acts at one end of a step only does its work along a chord on which the surfaces
+    were mostly apart: of a disc of weight N and radius R that rolls by the angle theta in a step
+    N R theta^2/2 where they meet, which is given back where they part if the force is the same. So
+    a step is too long for its impact; a scheme that damps waves is not looked at.
+
     Attributes:
         imbalance: Of the energies in the steps so far [N mm].
         largest: The largest kinetic and stored energy so far [N mm].
@@ -55,13 +65,16 @@ class Balance:
         here = energy.kinetic + energy.stored
         return np.array([strict - energy.dissipated, strict]), here
 
-    def holds(self, change: float = 0.0, work: float = 0.0, strict: bool = False) -> bool:
-        """Whether the current state has no more energy than it may, from which the next one is
-        then judged; collective.
+    def fault(
+        self, change: float = 0.0, work: float = 0.0, strict: bool = False, keeps: bool = False
+    ) -> str:
+        """Why the current state cannot have the energy that it has, GAINED or LOST; empty if it
+        can, and then the next one is judged from it; collective.
 
         Args:
             change: b_1 - b_0, the same on every rank [N mm].
             work: w, the same on every rank [N mm].
+            keeps: Whether the step may not lose more than ALLOWED.
         """
         now, here = self._measured()
         debts = np.maximum(self._debts + now - self._last - change, 0.0)
@@ -69,10 +82,12 @@ class Balance:
         largest = max(self.largest, here - debts[0])
         allowed = ALLOWED * largest + work + self.rounding
         if not (debts[: 1 + strict] <= allowed).all():
-            return False
+            return GAINED
+        if keeps and self._last[1] + change - now[1] > allowed:
+            return LOST
         self.imbalance -= float(now[1] - self._last[1])
         self._debts, self._last, self.largest = np.minimum(debts, allowed), now, largest
-        return True
+        return ""
 
 
 class Losses:

@@ -22,7 +22,7 @@ from ..problem.step import cause
 from ..solver.attempt import Attempt
 from ..solver.limits import ROUNDING
 from ..solver.options import SolveOptions
-from .balance import GAINED, Balance
+from .balance import Balance
 from .contact_nodes import ContactNodes
 from .schemes import CentralDifferences
 from .supports import SupportMotion
@@ -168,12 +168,12 @@ class ExplicitSteps:
         if reason := problem.step.invalid():
             return reason
         before, self._accelerations = self._accelerations, self._squares()
-        stiffness = 4 * self._largest / self._longest**2
-        self.balance.rounding = float(np.finfo(float).eps) * self._size**2 * stiffness
-        if self.balance.holds(self._h**2 / 8 * (self._accelerations - before)):
-            return ""
-        self._accelerations = before
-        return GAINED
+        stiffness = 4 * self._largest / (self._longest * self._longest)
+        self.balance.rounding = float(np.finfo(float).eps) * self._size * self._size * stiffness
+        reason = self.balance.fault(self._h * self._h / 8 * (self._accelerations - before))
+        if reason:
+            self._accelerations = before
+        return reason
 
     def _squares(self) -> float:
         """a.M.a of what moves freely; collective [N mm/s2]."""

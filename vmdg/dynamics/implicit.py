@@ -11,8 +11,9 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_norm, global_sum
+from ..base.parallel import global_any, global_norm, global_sum
 from ..domain.topology import box_sides
+from ..interface.active import meets_or_parts
 from ..linear.ksp import (
     MAX_RTOL,
     Petsc,
@@ -82,7 +83,7 @@ class ImplicitSteps:
             self._rate = problem.discretization.create_matrix(kind)
         self._size = float(np.linalg.norm(box_sides(problem.mesh)))
         self._snes = Snes(problem.comm, self._owned, options)
-        self._forces = 0.0  # largest so far
+        self._forces = 0.0  # the largest at the end of a step so far
         self._norms: list[float] = []
         self._goal, self._rtol, self._dt = 0.0, MAX_RTOL, 0.0
         # With a tolerance: the next step, and the largest change of the displacement.
@@ -145,13 +146,18 @@ class ImplicitSteps:
             longest = min(2 * longest, span) if found.converged else h / 2
 
     def _step(self, t: float, shortens: bool) -> Attempt:
-        """A step of the scheme, or where that makes energy one with the forces of its end, of which
-        only the shortest may make what is dissipated; collective."""
-        found = self._attempt(t, self._scheme, True)
-        return self._attempt(t, AtEnd(), shortens) if found.reason == GAINED else found
+        """A step of the scheme, or where that makes energy one with the forces of its end. Only the
+        shortest may lose much where surfaces meet or part, and with those forces make what is
+        dissipated; collective."""
+        found = self._attempt(t, self._scheme, True, shortens)
+        return self._attempt(t, AtEnd(), shortens, shortens) if found.reason == GAINED else found
 
-    def _attempt(self, t: float, scheme: Newmark, strict: bool) -> Attempt:
-        """An attempt, committed if it converges and cancelled if not; collective."""
+    def _attempt(self, t: float, scheme: Newmark, strict: bool, keeps: bool) -> Attempt:
+        """An attempt, committed if it converges and cancelled if not; collective.
+
+        Args:
+            strict, keeps: As for :meth:`.Balance.fault`, where surfaces meet or part.
+        """
         problem, motion = self._problem, self._motion
         step, owned, held = problem.step, self._owned, problem.loading.owned_prescribed
         h, beta, gamma = t - problem.t, scheme.beta, scheme.gamma
@@ -163,9 +169,10 @@ class ImplicitSteps:
             return Attempt(False, reason=str(error))
         u0, R0 = step.start.u[:owned], forces_at_start(step)
         self._dt, self._norms = h, []
-        # a_1 = (u_1 - away)/(beta h^2), and the equation is divided by 1 - alpha_f.
-        self._away = u0 + h * v0 + h**2 * (0.5 - beta) * a0
-        self._per_length, self._per_speed = 1 / (beta * h**2), gamma * h
+        # a_1 = (u_1 - away)/(beta h^2), and the equation is divided by 1 - alpha_f. Powers by the
+        # library of C are rounded otherwise in another unit of time, products are not.
+        self._away = u0 + h * v0 + h * h * (0.5 - beta) * a0
+        self._per_length, self._per_speed = 1 / (beta * (h * h)), gamma * h
         self._share = share = 1 - scheme.alpha_f
         self._inertia = (1 - scheme.alpha_m) / share
         drag0 = self._drag(v0)
@@ -178,7 +185,7 @@ class ImplicitSteps:
         if self._rate is not None:
             self._system.inertia.append((self._rate, 1 / share))
         self._moves = self._supports.at(t - h, t, t + h)
-        start = u0 + h * v0 + h**2 * a0 / 2
+        start = u0 + h * v0 + h * h * a0 / 2
         converged, reason = self._snes.solve(self, start, searches=True)
         word = step.invalid() if converged else cause(step.discretization, reason)
         if not word and not step.stabilization_suffices():
@@ -201,6 +208,7 @@ class ImplicitSteps:
         jump = v1 - v0 - h * ((1 - weight) * a0 + weight * a1)
         works = support_work(held, mean, h * (v0 + v1) / 2, jump, motion.of((v0 + v1) / 2))
         viscous = (drag0 + rate)[held], (drag1 + rate)[held]
+        keeps = keeps and global_any(self._comm, self._meets_or_parts())
         step.commit(WorkInMotion(viscous, works, float(damped), weight))
         carried = np.zeros(owned)
         if motion.damping.dashpots:
@@ -208,11 +216,18 @@ class ImplicitSteps:
         carried[held] += inertia[held] + viscous[1]
         motion.move(v1, a1, carried)
         work = self._goal * global_norm(self._comm, change)  # of unbalanced forces
-        self.balance.rounding = float(np.finfo(float).eps) * self._size**2 * self._system.norm
-        if not self.balance.holds(0.0, work, strict):
+        area = self._size * self._size
+        self.balance.rounding = float(np.finfo(float).eps) * area * self._system.norm
+        if reason := self.balance.fault(0.0, work, strict, keeps):
             step.cancel()
-            return found.failed(GAINED)
+            return found.failed(reason)
+        self._forces = max(self._forces, self._loads)
         return found
+
+    def _meets_or_parts(self) -> bool:
+        """Whether surfaces meet or part in the step, on this rank."""
+        every = self._problem.discretization.active.values()
+        return any([meets_or_parts(one) for one in every if one.law.inelastic])
 
     def _accurate(self, h: float, change: Array, tolerance: float) -> bool:
         """Whether the error of a step is within the tolerance, and the length of the next one;
@@ -228,7 +243,7 @@ class ImplicitSteps:
         self._moved = max(self._moved, float(here))
         # Below the forces that may be left unbalanced at both ends it is rounding.
         told = global_norm(self._comm, self._motion.of(change)) > 2 * self._goal
-        error *= abs(self._scheme.beta - 1 / 6) * h**2 * told
+        error *= abs(self._scheme.beta - 1 / 6) * h * h * told
         ratio = error / (tolerance * self._moved) if self._moved > 0 else 0.0
         # Of third order.
         self._longest = h * min(max(_AIM * ratio ** (-1 / 3) if ratio else np.inf, 0.2), 2.0)
@@ -289,9 +304,10 @@ class ImplicitSteps:
     def test(self, norm: float) -> int:
         """Converged where forces balance to the tolerance, or to rounding."""
         self._norms.append(norm)
-        self._forces = max(self._forces, norm, self._loads)
         floor = rounding_of_forces(self._problem, self._size, self._system.norm)
-        self._goal = max(self._options.relative_tolerance * self._forces, floor)
+        # Not of trial states that may be far away.
+        forces = max(self._forces, self._loads)
+        self._goal = max(self._options.relative_tolerance * forces, floor)
         self._rtol = linear_tolerance(self._norms, self._goal)
         return verdict(self._norms, self._goal, True, self._options)
 

@@ -75,7 +75,8 @@ class GeneralizedAlpha:
     end only, and Newmark's relations (1959) give displacement and velocity. A step that would make
     more than 1 % of the largest kinetic and stored energy, as where bodies meet in long steps, is
     repeated with all forces of its end, which makes none; if that does, as a bond that would have
-    taken more than there was, it is halved.
+    taken more than there was, it is halved. So is a step that would lose as much in which surfaces
+    meet or part, see :class:`.Balance`.
 
     Args:
         rho_inf: Spectral radius at infinite frequency: 1 keeps the energy of linear bodies, with

@@ -526,6 +526,14 @@ def fine_scales(active: ActiveInterface) -> NDArray[np.float64]:
     return np.array([1.0, -1.0])[:, None] * share - flux[:, None]
 
 
+def meets_or_parts(active: ActiveInterface) -> bool:
+    """Whether points of this rank begin or cease to touch in the step, which had no bond before."""
+    if active.values.update is None or not len(active.quadrature.weights):
+        return False
+    before, now = (one.traction.any(axis=1) for one in (active.history, active.values))
+    return bool(((before != now) & ~(active.history.softening < active.law.strength)).any())
+
+
 def damage_work(active: ActiveInterface, points: NDArray[np.bool_] | slice = slice(None)) -> float:
     """Damage work of some of this rank's points that stay in the step, the first of
     :meth:`.ActiveInterface.works` [N mm; N in plane strain]."""

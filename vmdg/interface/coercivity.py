@@ -19,7 +19,8 @@ then with tau multiplied by s = (w_1 lambda_1 + w_2 lambda_2) / (1 - alpha) the 
 below by alpha sum_K E_K: up to rigid motions it is coercive and keeps the fraction alpha of the
 bulk energy, for any degree, shape and contrast. Where alpha differs from facet to facet, this holds
 with the least. (*) is a generalised eigenvalue problem of one
-cell, in the basis and at the points that the forms use, so it holds for under-integration too. A
+cell, in the basis and at the points that the forms use, so it holds for under-integration too;
+where surfaces slide, at those of :class:`.ShapeGradients` for pieces of facets. A
 cell divides its energy among its facets in proportion to what each would need alone: with lambda_f
 the largest eigenvalue of facet f alone and m that of sum_f 1/lambda_f int_f h.T_f.h, (*) holds for
 m lambda_f.
@@ -174,6 +175,7 @@ class CellProblems:
 
     Args:
         cells: Local cells, ascending; a cell with several interface facets is repeated.
+        in_pieces: As for :class:`.ShapeGradients`.
     """
 
     def __init__(
@@ -182,6 +184,7 @@ class CellProblems:
         bodies: Bodies,
         cells: NDArray[np.int32],
         local: NDArray[np.int32],
+        in_pieces: bool = False,
     ):
         space, geometry = u.function_space, bodies.geometry
         mesh = space.mesh
@@ -189,7 +192,7 @@ class CellProblems:
         self._axial = isinstance(geometry, GeneralizedPlane)
         self._entries = entries = geometry.entries(d)
         self._triangle = np.triu_indices(len(entries))
-        shapes = ShapeGradients(mesh, geometry, space.ufl_element().degree)
+        shapes = ShapeGradients(mesh, geometry, space.ufl_element().degree, in_pieces)
         self._cells, self._first, self._cell_of_pair = np.unique(
             cells, return_index=True, return_inverse=True
         )
@@ -447,7 +450,9 @@ class Coercivity:
         marks = marks[: self._cell_map.size_local * self._facets_of_cell, 0]
         self._solved = np.flatnonzero(marks)
         cells, local = np.divmod(self._solved, self._facets_of_cell)
-        self._problems = CellProblems(u, bodies, cells.astype(np.int32), local.astype(np.int32))
+        cells, local = cells.astype(np.int32), local.astype(np.int32)
+        in_pieces = any(f.slides for f in interfaces)
+        self._problems = CellProblems(u, bodies, cells, local, in_pieces)
         # A body at points may have any moduli between zero and the elastic ones.
         self._free = np.ones(len(cells))
         if bodies.points is not None:

@@ -119,7 +119,7 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
     known = history.traction, history.gap, history.softening, history.mode
     first = States(*known, np.zeros_like(history.traction)).at(moved)
     last = States.of(update).at(moved)
-    small = np.broadcast_to(LARGE * law.strength**2, len(moved))
+    small = np.broadcast_to(LARGE * law.strength * law.strength, len(moved))
     H = np.broadcast_to(law.softening_modulus, len(moved))
     whole = last.traction + r[:, None] * (last.gap - first.gap) - first.traction
 

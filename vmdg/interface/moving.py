@@ -92,10 +92,12 @@ class EachFacet(NamedTuple):
     Attributes:
         cells: Cells (n, 2).
         local: Numbers of the facets in them (n, 2).
+        slides: As for :class:`.InterfaceFacets`.
     """
 
     cells: NDArray[np.int32]
     local: NDArray[np.int32]
+    slides: bool = True
 
 
 class SurfaceStabilizer(Stabilizer):

@@ -158,7 +158,7 @@ class IntrinsicExponential(Law):
     @property
     def stiffness(self) -> float:
         """K = G_c/delta_0^2, MPa/mm, of the undamaged bond."""
-        return self.fracture_energy / self.gap_scale**2
+        return self.fracture_energy / (self.gap_scale * self.gap_scale)
 
     @property
     def softening_modulus(self) -> float:
@@ -255,7 +255,7 @@ class IntrinsicExponential(Law):
         ]
         update.work_gradient[rows] += (2.0 * by_ray2 / delta_b[rows] ** 2)[:, None] * turned
         update.overstress[rows] = rated[:, None] * new_gap[rows]
-        update.viscous_work[rows] = rated * ray2 * scale**2 * y[rows] * (y[rows] - y_n)
+        update.viscous_work[rows] = rated * ray2 * scale * scale * y[rows] * (y[rows] - y_n)
         return update
 
     def _weighted(self, gap: Array, normal: Array) -> Array:

@@ -343,7 +343,7 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
     length2 = dot(rubbing.gap, rubbing.gap)
     # The largest gap, at which friction sticks, is as long as itself up to rounding only.
     further = rubbing.slips & (length2 > (shear.scale * at.g) ** 2)
-    growing = np.where(at.g > 0.0, further, dot(load, load) > shear.strength**2)
+    growing = np.where(at.g > 0.0, further, dot(load, load) > shear.strength * shear.strength)
     growing &= at.damage < 1.0
     g, some = at.g.copy(), np.flatnonzero(growing)
     part = law.at(some)

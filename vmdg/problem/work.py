@@ -100,7 +100,8 @@ def next_increment(
         return increment, 0.0, bool(led == 0)
     if last is None or last.length == 0:
         return increment, 0.0, False
-    more = crossed * increment.length**2 / (6 * last.length * (last.length + increment.length))
+    length = increment.length
+    more = crossed * length * length / (6 * last.length * (last.length + length))
     if along < STRAIGHT * last.length * increment.length:
         return increment, 0.0, False
     return increment, float(more), abs(more) <= CURVED * increment.work

@@ -63,7 +63,7 @@ class Corrector:
     @property
     def rounding(self) -> float:
         """Rounding error of the stored energy of the bodies [N mm]."""
-        return float(np.finfo(float).eps) * self._size**2 * self._system.norm
+        return float(np.finfo(float).eps) * self._size * self._size * self._system.norm
 
     def solve(self, limits: Limits, dt: float, last: Attempt | None) -> Attempt:
         """Find the equilibrium at which the first of the limits is met; collective.
@@ -296,7 +296,7 @@ class _Newton:
         # since convergence is quadratic; it is reused if that ends far below the goal.
         first = self._norms[-2] if len(self._norms) > 1 else self._balanced
         surely = self._numbers.missed * goal
-        self._system.lags = goal < norm and 2 * norm**2 <= surely * first
+        self._system.lags = goal < norm and 2 * norm * norm <= surely * first
         return reason
 
     def _goal_of(self, scales: RunScales) -> float:

@@ -146,6 +146,11 @@ IN_TIME = {
         f"{_SHORTER}; a smaller safety or renewal of CentralDifferences; a finer mesh where "
         "surfaces that slide meet",
     ),
+    "ENERGY_LOST": Reason(
+        "the scheme lost more than 1 % of the energy where surfaces met or parted: the step is too "
+        "long for that",
+        _SHORTER,
+    ),
     "STEP_VANISHES": Reason(
         "steps are shorter than the longest critical one so far over 2^max_cuts",
         f"{_CRUSHED}; SolveOptions(max_cuts=12)",
