@@ -299,7 +299,7 @@ def test_work_that_errors_are_measured_by(comm):
     vmdg.solve(problem, [0.02, 0.04, 0.05], monitor=monitor)
     works, external = np.transpose(found)
     assert problem.mean(0).gap[0] > 0.005
-    assert works == pytest.approx(external, rel=1e-3)
+    assert works == pytest.approx(external, rel=5e-3)
 
 
 def test_what_costs_residuals_is_asked_for(comm):
