@@ -12,7 +12,6 @@ from support.checks import (
     directions,
     gather,
     global_norm,
-    modes,
     multiply,
     tangent_error,
     tangent_matrix,
@@ -20,7 +19,6 @@ from support.checks import (
 from support.problems import (
     displace,
     joined,
-    partly_damaged,
     through,
     user_energy,
 )
@@ -171,16 +169,6 @@ def test_tied_tangent(comm, cell, kinematics):
     assert matrix.isSymmetric(1e-12 * matrix.norm())
     plain = joined(scene, law, kinematics=kinematics).discretization.create_matrix()
     assert matrix.getInfo()["nz_allocated"] == plain.getInfo()["nz_allocated"]
-
-
-@BRICKS
-def test_tangent_with_damage(comm, cell):
-    """Some points in tension, some elastic: K is the derivative through the return maps."""
-    problem = partly_damaged(comm, cell, 1, volumetric="mean")
-    matrix = tangent_matrix(problem)
-    assert tangent_error(problem, matrix) < 1e-7
-    assert matrix.isSymmetric(1e-12 * matrix.norm())
-    assert set(modes(problem)) == {vmdg.Mode.ELASTIC, vmdg.Mode.TENSION}
 
 
 MATERIALS = {

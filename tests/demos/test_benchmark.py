@@ -36,47 +36,6 @@ def test_errors_are_those_of_plain_elements(out):
     assert (out / "precision.png").stat().st_size > 10_000
 
 
-@pytest.mark.long
-def test_iterations_have_equal_parts(out):
-    """Few more unknowns than plain elements; all points at work where the table says so."""
-    for row in benchmark.main(["ratio"], coarse=True, repeats=1, out=str(out))["ratio"]:
-        assert row.sizes[0] < row.sizes[1] < 1.3 * row.sizes[0]
-        assert row.more["active"] == ("damage" in row.name), row.name
-
-
-@pytest.mark.long
-def test_explicit_steps_damage_every_point(out):
-    """Every row of the table is measured; where a bond softens, it does at all points."""
-    rows = benchmark.main(["explicit"], coarse=True, repeats=1, out=str(out))["explicit"]
-    assert len(rows) == 3 * 2 * 3
-    for row in rows:
-        assert row.seconds > 0
-        assert row.softening == (row.law == "softening"), row
-
-
-@pytest.mark.long
-def test_plastic_bodies_flow_in_their_iteration(out):
-    """The same unknowns; every point flows, and a tie makes the tangent unsymmetric."""
-    speeds, costs = benchmark.main(["plastic"], coarse=True, repeats=1, out=str(out))["plastic"]
-    assert min(min(speed) for speed in speeds.values()) > 0
-    assert len(costs) == 8
-    for row in costs:
-        assert row.more["flowing"] == 1.0
-        assert row.sizes[1] == (375 if "one body" in row.name else 450)
-        if "direct" in row.name:
-            assert (row.efforts[1] > 1.2 * row.efforts[0]) == ("tied" in row.name)
-
-
-@pytest.mark.long
-def test_separate_meshes_have_equal_sizes(out):
-    """The same unknowns, and facets that meet several others."""
-    costs = benchmark.main(["separate"], coarse=True, repeats=1, out=str(out))["separate"]
-    assert len(costs) == 8
-    for row in costs:
-        assert row.sizes[0] == row.sizes[1], row.name
-        assert row.more["pairs a facet"] > 1.5, row.name
-
-
 def test_cracked_plate():
     """P1 in 40 steps: peak within 1%, work within .5%, few corrections."""
     run, _ = peers.run(peers.P1)

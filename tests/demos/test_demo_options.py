@@ -88,13 +88,3 @@ def test_wrong_options(comm, capsys, wrong):
         run(scene, wrong)
     assert error.value.code == 2
     assert bool(capsys.readouterr().err) == (comm.rank == 0)
-
-
-def test_unknown_part_of_the_benchmark(out):
-    """The parts that exist are named."""
-    import benchmark
-
-    with pytest.raises(
-        ValueError, match=r"no part is called speed; they are precision, intact, ratio"
-    ):
-        benchmark.main(["speed"], out=str(out))

@@ -2,42 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-
 from mpi4py import MPI
 
 import numpy as np
 import others
 import pytest
-from parts.benchmark import peers
 from parts.others import cases
-from parts.others.grid import layers
 
 SERIAL = MPI.COMM_WORLD.size == 1
 one_rank = pytest.mark.skipif(not SERIAL, reason="runs on one rank")
-
-
-@pytest.fixture
-def offline(out, monkeypatch):
-    """An empty cache, and no network for pip."""
-    monkeypatch.setenv("HOME", str(out))
-    monkeypatch.setenv("PIP_NO_INDEX", "1")
-
-
-@pytest.mark.long
-@one_rank
-def test_refused_without_packages(offline, out):
-    """What is missing and how to get it; nothing that looks installed is left."""
-    for _ in range(2):
-        with pytest.raises(RuntimeError, match=r"cannot be installed.*needs the network"):
-            others.main(python=sys.executable, out=str(out))
-    assert not list(out.rglob("complete")) and not (out / "others.md").exists()
-
-
-@pytest.mark.skipif(SERIAL, reason="refused on several ranks")
-def test_refused_on_several_ranks():
-    with pytest.raises(RuntimeError, match="leave -n out"):
-        others.main(alone=True)
 
 
 @pytest.mark.long
@@ -65,22 +38,3 @@ def test_scenes_of_vmdg(out):
     table = (out / "others.md").read_text().splitlines()
     assert table[0] == f"| {' | '.join(others.HEAD)} |"
     assert len(table) == 2 + len(lines)
-
-
-@pytest.mark.parametrize("scene", [peers.P1, peers.P2], ids=lambda scene: scene.name)
-def test_same_mesh(scene):
-    """As many unknowns as vmdg has, cells of one volume, coincident sides of bonded facets."""
-    mesh = layers(scene.divisions, scene.sizes, scene.crack)
-    assert mesh.nodes.size == {"P1": 4900, "P2": 7986}[scene.name]
-    below, above = mesh.cells
-    assert len(below) == len(above) == np.prod(scene.divisions) / 2
-    assert np.intersect1d(below, above).size == 0
-    d = mesh.nodes.shape[1]
-    corners = mesh.nodes[np.concatenate(mesh.cells)]
-    edges = corners[:, [1, 3, 4][:d]] - corners[:, [0]]
-    assert np.linalg.det(edges) == pytest.approx(np.prod(scene.sizes) / len(corners))
-    assert (mesh.nodes[mesh.faces[:, 0]] == mesh.nodes[mesh.faces[:, 1]]).all()
-    assert np.isin(mesh.faces[:, 0], below).all() and np.isin(mesh.faces[:, 1], above).all()
-    size = np.prod(np.divide(scene.sizes, scene.divisions)[:-1])
-    assert len(mesh.faces) * size == pytest.approx(scene.area)
-    assert len(mesh.twins) == np.prod(np.add(scene.divisions[:-1], 1))

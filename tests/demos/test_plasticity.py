@@ -54,19 +54,6 @@ def test_shells(comm):
     assert (errors[1] < errors[0] / 2**2.9).all()
 
 
-def test_closed_form_of_shells():
-    """Displacements meet at the front; Lame's shell when flow begins, the limit load when all has
-    flown: 2/sqrt(3) ln 2 of the yield stress for a tube of ratio 2."""
-    sphere, tube = shells.Shell(True, 0.3), shells.Shell(False, 0.4999)
-    for shape in (sphere, tube):
-        inside, outside = shape.displacement(np.array([1.5 - 1e-9, 1.5 + 1e-9]), 1.5)
-        assert inside == pytest.approx(outside, rel=1e-8)
-    a, b, nu, p = shells.A, shells.B, sphere.nu, sphere.pressure(shells.A)
-    lame = p * a**4 / (shells.E * (b**3 - a**3)) * (1 - 2 * nu + (1 + nu) / 2 * (b / a) ** 3)
-    assert sphere.displacement(np.array(a), a) == pytest.approx(lame, rel=1e-12)
-    assert tube.pressure(b) == pytest.approx(0.8004 * shells.Y, rel=1e-4)
-
-
 def test_inclusion(comm):
     """Traction and gap while a plastic matrix debonds, until half of the bond is lost."""
     gaps = shells.BOND.critical_gap * np.array([0.1, 0.2, 0.3, 0.4])
@@ -81,9 +68,3 @@ def test_arms(comm, out):
     (row,) = rows_of("arms", comm, out).values()
     assert abs(row.error) < 0.01
     assert row.reference < 0.8 * arms.elastic_moment()
-
-
-def test_unknown_case():
-    """Names what there is."""
-    with pytest.raises(ValueError, match="necking, cook, shells"):
-        plasticity.main(case="bending")

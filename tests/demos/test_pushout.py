@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pushout as demo
-import pushout_parameters as pushouts
 import pytest
 import ufl
 from dolfinx import fem
@@ -49,33 +48,6 @@ def test_solid_against_section(comm):
         history = vmdg.solve(model.problem, [1.01, 1.02, 1.03], monitor=model.measures).history
         forces.append(history["force"])
     assert forces[0] == pytest.approx(forces[1], rel=0.02)
-
-
-@pytest.mark.long
-def test_studies(comm, out, capsys):
-    """One run a value, with its argument changed; a row of the table and a picture for all."""
-    small = {"modulus": (0.625, 2.5), "mesh": (0.3, 0.4), "steps": (2, 4)}
-    for study, values in small.items():
-        _, label, _ = pushouts.STUDIES[study]
-        runs = pushouts.studied(study, values, out, refine=0.3, steps=2, end=0.004)
-        assert list(runs) == [label.format(value) for value in values]
-        first, second = runs.values()
-        if study == "steps":
-            assert (len(first), len(second)) == values
-        else:
-            assert second["force"][0] != pytest.approx(first["force"][0], rel=1e-3)
-        shown = capsys.readouterr().out
-        comm.barrier()
-        assert (out / f"pushout_{study}.png").stat().st_size > 10_000
-        if comm.rank == 0:
-            table = (out / f"pushout_{study}.md").read_text()
-            assert table in shown
-            head, _, *rows = (line.strip("| ").split(" | ") for line in table.splitlines())
-            assert head[0] == study
-            assert [row[0] for row in rows] == list(runs)
-            # Nowhere is the bond gone so early.
-            gone = head.index("bond first gone [N]")
-            assert [row[gone] for row in rows] == ["nan", "nan"]
 
 
 def test_relative_displacement(comm):

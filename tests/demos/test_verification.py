@@ -8,7 +8,6 @@ import pytest
 import verification
 from parts.delamination import beams as delamination
 from parts.delamination.laminate import ALFANO_CRISFIELD
-from parts.verification import partial_slip
 from support.budgets import over_budget
 
 
@@ -46,24 +45,6 @@ def test_points_that_slide_one_by_one():
     falls: attempts that are given up then fail at every size of the step."""
     for check in shear_lag.push_out(32):
         assert check.error < (1 / 6 if "5.6" in check.case else 0.05), check
-
-
-def test_partial_slip_is_elastic_equilibrium():
-    """The closed form itself: displacements that slip by delta, and tractions p and q on Y = 0."""
-    model, c, h = partial_slip.PartialSlip(), 1.27, 1e-6
-    X = np.linspace(-1.9, 1.9, 39)
-    above, below = (np.stack(model.displacement(X + s * 1e-12j, 1.0, c)) for s in (1, -1))
-    np.testing.assert_allclose(above[0] - below[0], model.slip(X, c), atol=1e-12)
-    np.testing.assert_allclose(above[1], below[1], atol=1e-12)
-    z = X + 2j * h
-    across, along = (
-        np.subtract(*(model.displacement(z + s * step, 1.0, c) for s in (1, -1))) / (2 * h)
-        for step in (1j * h, h)
-    )
-    np.testing.assert_allclose(model.G * (across[0] + along[1]), model.shear(X, c), atol=0.02)
-    lmbda = 2 * model.G * model.nu / (1 - 2 * model.nu)
-    stress = 2 * model.G * across[1] + lmbda * (along[0] + across[1])
-    np.testing.assert_allclose(-stress, model.pressure(X), atol=0.02)
 
 
 def test_theory_of_the_cantilever():

@@ -8,7 +8,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx import fem
 from scipy.integrate import solve_ivp
 from support.problems import of_two
 from support.scenes import EVERY_CELL, LEFT, RIGHT, two_blocks
@@ -112,79 +111,6 @@ def test_spall(comm, scheme):
     # The initial kinetic energy, to rounding: no load does work.
     assert history["external"] == pytest.approx(np.full(72, speed**2 / 3), rel=1e-3)
     assert np.abs(history["imbalance"]).max() < 1e-3 * speed**2 / 3
-
-
-@pytest.mark.parametrize("scheme", SCHEMES[:1], ids=str)
-def test_impact(comm, scheme):
-    """A bar hits another that is at rest: contact for twice the time of a wave through it, after
-    which the other has its momentum."""
-    problem, _ = bar(comm, 40, vmdg.Contact())
-    V, velocity = 0.01, fem.Function(problem.space)
-    nodes = problem.space.dofmap.list[problem.discretization.bodies.cells_of[1]]
-    velocity.x.array.reshape(-1, 2)[nodes, 0] = V
-
-    def momenta(problem):
-        owned = problem.discretization.owned
-        P = problem.step.motion.of(problem.velocity.x.array[:owned])[::2]
-        first = np.unique(nodes[nodes < owned // 2])
-        both = np.array([P[first].sum(), P.sum()])
-        one, all_ = problem.comm.allreduce(both)
-        return {"first": one, "all": all_, "force": -problem.mean(0).traction[0]}
-
-    times = np.linspace(0.0, 3.0, 121)[1:]
-    history = vmdg.solve_dynamics(problem, times, scheme, velocity, momenta, QUIET).history
-    assert history["all"] == pytest.approx(np.full(120, V), rel=1e-9)
-    assert abs(history["first"][-1]) < 0.02 * V
-    touching = history["force"] > 1e-6
-    assert times[touching][-1] == pytest.approx(2.0, abs=0.05)
-    steady = (times > 0.3) & (times < 1.7)
-    assert history["force"][steady].mean() == pytest.approx(V / 2, rel=0.02)
-    assert np.abs(history["imbalance"]).max() < 0.005 * history["kinetic"][0]
-
-
-@pytest.mark.long
-def test_friction(comm):
-    """A block on a spring that rubs on a wall: eleven peaks fall by twice mu N/k to 1e-3 of the
-    first, then it sticks."""
-    E, N, mu, k, speed = 1e5, 10.0, 1e-3, 1.0, 0.215
-    scene = two_blocks(comm, "quadrilateral", 1)
-    x = scene.mesh.geometry.x
-    x[:, 0] = np.minimum(x[:, 0], 1 + 0.01 * (x[:, 0] - 1))
-    law = vmdg.Contact(friction=mu)
-    problem = of_two(
-        scene,
-        law,
-        (vmdg.NeoHookean(E=E, nu=0.0), vmdg.Rigid()),
-        {"frame": "reference"},
-        kinematics="small",
-        density={1: 1.0},
-    )
-    left = scene.facet_tags.find(LEFT)
-    problem.dirichlet(left, lambda t: N / E * min(t, 1.0), "x")
-    problem.spring(left, (0.0, k))
-    vmdg.solve(problem, [1.0])
-
-    owned = problem.discretization.owned // 2
-    free = problem.space.tabulate_dof_coordinates()[:owned, 0] < 0.5
-
-    def height(problem):
-        y = problem.u.x.array.reshape(-1, 2)[:owned, 1]
-        total, count = comm.allreduce(np.array([y[free].sum(), free.sum()]))
-        return {"y": total / count}
-
-    loss = mu * N / k
-    peaks = [np.hypot(loss, speed) - loss]
-    while peaks[-1] > loss:
-        peaks.append(peaks[-1] - 2 * loss)
-    times = 1 + np.linspace(0.0, np.pi * (len(peaks) + 0.5), 2001)[1:]
-    start = lambda x: np.array([0 * x[0], speed * (x[0] < 1 + 1e-9)])  # noqa: E731
-    history = vmdg.solve_dynamics(problem, times, velocity=start, monitor=height).history
-    y = np.abs(history["y"])
-    tops = 1 + np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] > y[2:]))
-    assert len(peaks) == 11
-    assert y[tops[: len(peaks)]] == pytest.approx(np.abs(peaks), abs=1e-3 * peaks[0])
-    # It sticks at the last one.
-    assert y[tops[len(peaks) - 1] :] == pytest.approx(abs(peaks[-1]), abs=1e-3 * peaks[0])
 
 
 @pytest.mark.parametrize("scheme", SCHEMES[1:], ids=str)

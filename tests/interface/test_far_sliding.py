@@ -595,27 +595,6 @@ def test_checkpoint(comm, cell, tmp_path_factory):
             assert (found <= 1e-7 * np.abs(expected).max(axis=0) + 1e-12).all()
 
 
-def test_bodies_start_apart():
-    """No pair at the start: the bodies meet, and the force is that of bodies that touch."""
-    found = []
-    for gap in (0.5, 0.0):
-        # More points than there is room for at the start.
-        scene = body_and_base("quadrilateral", (20, 2), (112, 2), gap=gap)
-        problem = contact(scene, (SOFT, HARD), vmdg.Contact())
-        assert len(problem.state[0].weights) == 0 or gap == 0.0
-
-        def down(t, gap=gap):
-            return 0.0, -gap * min(t, 1.0) - 0.02 * max(t - 1.0, 0.0)
-
-        problem.dirichlet(scene.facet_tags.find(21), 0.0)
-        problem.dirichlet(scene.facet_tags.find(12), down)
-        result = vmdg.solve(problem, [0.5, 1.0, 1.5, 2.0], TIGHT)
-        assert not result.failures
-        assert len(problem.state[0].weights) > 64
-        found.append(problem.reaction(scene.facet_tags.find(12))[1])
-    assert found[0] == pytest.approx(found[1], rel=1e-7)
-
-
 @pytest.mark.parametrize(
     ("kinematics", "sliding", "off"),
     [("small", False, 1e-11), ("small", True, 1e-11), ("finite", True, 1e-3)],
@@ -636,43 +615,6 @@ def test_a_gap_that_closes_in_one_step(kinematics, sliding, off):
     vmdg.solve(problem, [1.0], TIGHT)
     energy = problem.energy()
     assert abs(energy.imbalance) < off * energy.external
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("first", [1, 2])
-def test_turning_ring(first):
-    """A ring turns in another one, pressed by interference: torques and energies balance."""
-    scene = full_rings("quadrilateral", (24, 32), ((0.4, 1.02), (1.0, 1.6)), 2)
-    find = scene.facet_tags.find
-    sides = (find(12), find(21))
-    interface = vmdg.Interface(
-        surfaces=sides if first == 1 else sides[::-1], law=vmdg.Contact(friction=MU), sliding=True
-    )
-    hard = vmdg.NeoHookean(E=3000.0, nu=0.3)
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: SOFT, 2: hard}, [interface], degree=2)
-    problem.dirichlet(find(11), lambda x, t: rotation(2, np.deg2rad(t)) @ x[:2] - x[:2])
-    problem.dirichlet(find(22), 0.0)
-    radius = np.linalg.norm(problem.space.tabulate_dof_coordinates(), axis=1)
-
-    def torques(problem):
-        x = problem.space.tabulate_dof_coordinates()[:, :2] + problem.u.x.array.reshape(-1, 2)
-        f = problem.discretization.forces.x.array.reshape(-1, 2)
-        torque = x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0]
-        energy = problem.energy()
-        given = {"imbalance": energy.imbalance, "work": energy.external}
-        return {"hub": torque[radius < 0.41].sum(), "out": torque[radius > 1.59].sum(), **given}
-
-    result = vmdg.solve(problem, [0.0, 5.0, 10.0, 20.0, 30.0, 40.0], TIGHT, torques)
-    table = result.history
-    hub, turns = table["hub"], table["load"] >= 10.0
-    assert not result.failures
-    assert np.abs(hub + table["out"]).max() < 1e-8 * hub.max()
-    assert np.ptp(hub[turns]) < 1e-3 * hub.max()
-    state = problem.state[0]
-    N = -np.einsum("pij,pj,pi,p->", state.rotation, state.normal, state.traction, state.weights)
-    assert hub[-1] == pytest.approx(MU * N, rel=0.01)
-    assert np.ptp(table["imbalance"][turns]) < 1e-3 * np.ptp(table["work"][turns])
-    assert table["iterations"].mean() <= 8
 
 
 @pytest.mark.long

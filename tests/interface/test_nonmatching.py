@@ -102,26 +102,6 @@ def test_tangent(cell, degree, frame, law):
     assert modes != {Mode.ELASTIC}
 
 
-@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
-@pytest.mark.parametrize("law", [vmdg.Bonded(), FRICTION], ids=["tie", "bond"])
-def test_rigid_rotation(cell, law):
-    """Initial gaps turn with the bodies: nothing happens."""
-    scene = stack(cell, 2, 3, (1, 1), move=wavy)
-    problem = joined(scene, law, interface={"frame": "corotating"})
-    gaps = problem.discretization.active[0].quadrature.initial_gap
-    assert np.linalg.norm(gaps, axis=1).max() > 0.02 * SIZE
-    d = scene.mesh.geometry.dim
-    through(
-        problem,
-        lambda: set_displacement(
-            problem.u, scene.cell_tags, lambda x, tag: rotation(d, 0.7) @ x[:d] - x[:d]
-        ),
-    )
-    assert np.abs(problem.state[0].traction).max() < 1e-9
-    assert np.abs(problem.state[0].opening).max() < 1e-14 * SIZE
-    assert np.abs(problem.step.assemble_residual()).max() < 1e-11 * SIZE**2
-
-
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 @pytest.mark.parametrize("law", [vmdg.Bonded(), FRICTION], ids=["tie", "bond"])
 def test_balance(cell, law):

@@ -236,6 +236,20 @@ def test_old_preconditioner_is_given_up():
     assert FACTORIZATION < iterations[0] <= FACTORIZATION + 6 + 1
 
 
+def test_old_preconditioner_that_serves_is_kept():
+    """As many iterations a digit as a fresh one takes are no reason for another, however often."""
+    matrix, before = tridiagonal(4.0), timings()
+    solver = LinearSolver(matrix, {**GMRES, "pc_type": "jacobi"}, LU)
+    x, b = matrix.createVecs()
+    b.set(1.0)
+    for _ in range(8):
+        x.set(0.0)
+        solver.solve(b, x, 1e-8)
+    assert solver.iterations > 2 * FACTORIZATION
+    counts = Counts.from_timings(timings_since(before), solver.iterations)
+    assert (counts.preconditioners, counts.factorizations) == (1, 0)
+
+
 def test_stability_is_known_of_the_last_matrix():
     """Factors are those of one matrix: others than it are not known to be unstable, and no system
     with it is tried by the Krylov method that did not serve."""

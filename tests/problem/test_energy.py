@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support import bar
 from support.problems import SAME, STRONG, couple, driven, joined
 from support.scenes import two_blocks
 
@@ -285,6 +286,20 @@ def test_work_of_eigenstrains_of_bodies_at_points(comm, form, limit, allowed):
     energy = problem.energy()
     assert (energy.plastic > 0) == (limit < 1e9)
     assert abs(energy.imbalance) < allowed * energy.external
+
+
+def test_work_that_errors_are_measured_by(comm):
+    """Where a bond softens too it is what loads have done, of which curvature is a small part."""
+    problem, found = bar.build(comm, 0.041), []
+
+    def monitor(problem):
+        found.append((problem.step.ledger.works.increment.work, problem.energy().external))
+        return {}
+
+    vmdg.solve(problem, [0.02, 0.04, 0.05], monitor=monitor)
+    works, external = np.transpose(found)
+    assert problem.mean(0).gap[0] > 0.005
+    assert works == pytest.approx(external, rel=5e-3)
 
 
 def test_what_costs_residuals_is_asked_for(comm):

@@ -47,6 +47,17 @@ def test_snap_back(comm, critical_gap, kinematics):
     assert not over_budget("bar that jumps", result)
 
 
+def test_dead_loads_work_while_it_snaps(comm):
+    """A weight f of the right block moves by (s - 1)(2 - x) as that goes slack: f (s - 1)/2."""
+    problem, f = bar.build(comm, 0.005, "small"), 1e-2
+    problem.body_force((f, 0.0), 2)
+    options = vmdg.SolveOptions(energy=True, unstable="jump")
+    history = vmdg.solve(problem, LOADS, options).history
+    (jumped,) = np.flatnonzero(history["jump_steps"])
+    work = np.diff(history["external"])[jumped - 1]
+    assert work == pytest.approx(f * (bar.stretch(STRENGTH, "small") - 1) / 2, rel=1e-3)
+
+
 def test_law_with_an_elastic_branch(comm):
     """A jump carries `IntrinsicExponential` too, and what its gap stores is not taken for loss."""
     law = vmdg.IntrinsicExponential(strength=STRENGTH, fracture_energy=1.0, shear_weight=1.0)

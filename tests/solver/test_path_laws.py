@@ -170,35 +170,6 @@ def test_strains_that_turn(comm, knots):
 # Snaps
 
 
-@pytest.mark.long
-@settings(max_examples=1)
-@given(
-    strengths=st.lists(st.floats(4.0, 9.8), min_size=4, max_size=4),
-    critical_gap=st.sampled_from([0.004, 0.007]),
-    steps=st.integers(4, 10),
-    unstable=st.sampled_from(["jump", "trace"]),
-)
-@example([5.96, 6.31, 8.6, 8.98], 0.008, 10, "jump")
-@example([5.96, 6.31, 8.6, 8.98], 0.008, 10, "trace")
-def test_weak_links_know_nothing_of_each_other(comm, strengths, critical_gap, steps, unstable):
-    """Order statistics: at a load factor that the path passes for the first time all bars that are
-    strong enough bear the same, and the others nothing."""
-    strengths = np.array(strengths)
-    problem, look = bundle(comm, strengths, critical_gap)
-    # No given load factor is the strength of a bar but for rounding.
-    given = (np.arange(1, steps + 1) - 1e-4) / steps
-    options = vmdg.SolveOptions(unstable=unstable, energy=True)
-    history = vmdg.solve(problem, given, options, look).history
-    assert set(given) <= set(history["load"])
-    load = history["load"].tolist()
-    for t in given:
-        force = order_statistics(strengths, 10 * t)
-        assert history["force"][load.index(t)] == pytest.approx(force, abs=1e-6)
-    spent = (strengths[strengths < 10 * given[-1]] * critical_gap / 2).sum() * 0.05
-    assert history["damage"][-1] == pytest.approx(spent, rel=1e-6)
-    assert np.abs(history["imbalance"]).max() < 1e-4 * history["external"].max()
-
-
 def bars_alone(
     comm: MPI.Comm, strengths: list[float], shares: list[float], given: np.ndarray, **options: str
 ) -> tuple[int, float]:
