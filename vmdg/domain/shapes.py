@@ -183,6 +183,10 @@ class FacetShapes(NamedTuple):
         return FacetShapes(*(array[rows, order] for array in self))
 
 
+#: Way to the centre of a facet by which its ends are left, relative to the facet.
+_INSIDE = 1e-8
+
+
 class ShapeGradients:
     """Gradients of the shape functions where the forms integrate over cells and their facets.
 
@@ -213,6 +217,9 @@ class ShapeGradients:
         self._shape = lagrange(mesh.topology.cell_name(), degree)
         self.nodes_of_cell = self._shape.dim
         self._hoop = isinstance(geometry, Axisymmetric)
+        if lobatto and self._hoop:  # next to the axis: moduli of forms have u_r/r
+            centre = self.facet_points.mean(axis=0)
+            self.facet_points += _INSIDE * (centre - self.facet_points)
         self._origins, self._edges = reference_facets(mesh)
 
     def in_places(self, cells: NDArray[np.int32], places: Array) -> tuple[Array, Array]:
