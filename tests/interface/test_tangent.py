@@ -43,6 +43,17 @@ def test_active_damage(comm, cell, degree):
     assert global_norm(comm, with_damage - without) > 1e-3 * global_norm(comm, without)
 
 
+@CELLS_BY_TURNS
+def test_tied_interface(comm, cell, degree):
+    """The tie has the tensor tau_s in residual and tangent."""
+    scene = two_blocks(comm, cell, distortion=0.05)
+    problem = joined(scene, vmdg.Bonded(), degree=degree)
+    displace(problem, scene, 1.0)
+    matrix = tangent_matrix(problem)
+    assert tangent_error(problem, matrix) < 1e-7
+    assert matrix.isSymmetric(1e-12 * matrix.norm())
+
+
 @pytest.mark.parametrize("law", [vmdg.Bonded(), vmdg.Debonding(1e5, 1e3)], ids=["tie", "law"])
 def test_small_strain(comm, law):
     """kinematics="small": the residual is linear in u, and K is its matrix."""
