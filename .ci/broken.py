@@ -1,6 +1,6 @@
 """Does the suite find broken lines? Breaks lines of the engine at random, one after the other.
 
-    python3 .ci/broken.py [--count 20] [--seed 1] [--checkout FOLDER] [-- pytest arguments...]
+    python3 .ci/broken.py [--count 20] [--seed 1] [--rooms] [--checkout FOLDER] [-- pytest ...]
 
 In a copy of the checkout one operator of a line is changed, + to -, * to /, < to >=, and the tests
 named after its file run, those of its room, those of the rooms that build on it, then all, until

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -510,6 +511,7 @@ class Told:
         ]
         return cls(np.array(forces), np.array(energies), rows, run.residuals, run.stopped, run)
 
+    @cached_property
     def rounded(self) -> tuple[float, float]:
         """What rounding may do to forces, over the largest, and to energies, over their size; of a
         run on one rank."""
@@ -578,7 +580,7 @@ def fault(name: str, one: Told, other: Told, allowed: float) -> str:
         allowed = max(allowed, ROWS)
     if allowed == 0 and one.residuals != other.residuals:
         return f"{name}: {other.residuals} residuals for {one.residuals}"
-    of_force, of_energy = one.rounded() if allowed > 0 else (0.0, 0.0)
+    of_force, of_energy = one.rounded if allowed > 0 else (0.0, 0.0)
     allowed += of_force
     if force <= allowed and energy <= allowed + of_energy:
         return ""

@@ -325,8 +325,7 @@ def test_plane_strain_is_the_limit_of_a_large_radius(comm, cell):
         tau = gather(comm, problem.stabilization[0].tau)
         problem.dirichlet(scene.facet_tags.find(INNER), 0.0)
         problem.dirichlet(scene.facet_tags.find(OUTER), lambda t: (0.08 * t, 0.04 * t))
-        # Short steps: where on the way they end depends on the sixth digit.
-        vmdg.solve(problem, np.linspace(0.5, 1.0, 11))
+        vmdg.solve(problem, [0.5, 1.0])
         around = 2 * np.pi * radius if symmetry else 1.0
         force = problem.reaction(scene.facet_tags.find(OUTER)) / around
         mean = problem.mean(0)

@@ -8,7 +8,7 @@ what slides,
     zeta_T,n = [R^T.(x_2 - x_1)]_T(u_n) - s_n,    zeta_N,n >= 0,
 
 with s_n the elastic opening between the nearest points of the facet at the end of the last step,
-see :meth:`CommittedPoints.at`; points at a common corner of segments have one.
+see :meth:`CommittedPoints.at`; points next to each other have one.
 (Carrying zeta itself from point to point is a ratchet: a block without friction would lose half of
 its normal force within 1.2 of its lengths.) The tangent knows how pairs move. tau_s of a pair
 follows from its facets, for which it is derived once a step.
@@ -228,8 +228,8 @@ class CommittedPoints:
         other points, and whether there was one on their facet (nq,).
 
         The n nearest places of the facet count by ((1/d - 1/R)_+)^2, with R the distance of the
-        last of them (Franke and Little; Renka 1988, eq. 3): at a place its value, in between a
-        continuous function. If the nearest alone counted, s and friction would jump as a point
+        last of them (Franke and Little; Renka 1988): at a place its value, in between a continuous
+        function. If the nearest alone counted, s and friction would jump as a point
         passes the middle between two of them, and Newton's method alternate.
 
         Args:

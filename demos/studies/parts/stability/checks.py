@@ -394,8 +394,8 @@ def irreversible(run: Run) -> list[str]:
             if not bond.slides and len(Q1) == len(Q0) and (Q1 < Q0).any():
                 share = (Q0 - Q1).max() / np.max(law.strength)
                 found.append(f"Q falls by {share:.1e} of the strength")
-        spent, stored = (abs(getattr(after.energy, kind)) for kind in ("dissipated", "stored"))
-        scale = 1e-9 * spent + 10 * EPS * (spent + stored)
+        dissipated, stored = abs(after.energy.dissipated), abs(after.energy.stored)
+        scale = 1e-9 * dissipated + 10 * EPS * (dissipated + stored)
         for name in ("damage", "friction", "plastic"):
             spent = getattr(after.energy, name) - getattr(before.energy, name)
             if spent < -scale:
