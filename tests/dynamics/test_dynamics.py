@@ -163,6 +163,21 @@ def test_static_state_stays(comm, scheme):
     assert np.abs(history["imbalance"]).max() < 0.02 * history["external"].max()
 
 
+def test_times_that_rounding_misses(comm):
+    """.2 + (.9 - .2) is less than .9: two steps all the same, which end at the given times."""
+    problem, _ = bar(comm, 4, vmdg.Bonded())
+    scheme, reached = vmdg.GeneralizedAlpha(), []
+    start = lambda x: np.array([x[0], 0 * x[0]])  # noqa: E731
+
+    def monitor(problem):
+        reached.append(problem.t)
+        return {}
+
+    history = vmdg.solve_dynamics(problem, [0.2, 0.9], scheme, start, monitor).history
+    assert history["steps"].tolist() == [1, 1]
+    assert reached == [0.2, 0.9]
+
+
 def test_velocity_by_group(comm):
     """Each body has its own; others are at rest."""
     problem, _ = bar(comm, 2, vmdg.Contact())

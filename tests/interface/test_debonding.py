@@ -163,24 +163,6 @@ def test_failed_step_leaves_no_trace(comm, name):
     assert "0.06" in str(failure.value)
 
 
-def test_cut_step_ends_where_small_steps_end(comm):
-    """A step that fails whole and passes in parts ends in the state of small steps."""
-    problem, right = pulled(comm, "hexahedron")
-    tight = vmdg.SolveOptions(relative_tolerance=1e-10, max_iterations=2, control="load")
-    result = vmdg.solve(problem, [0.04, 0.14], tight, watch(right))
-    zeta, traction = closed_form(0.14)
-    history = result.history
-    assert len(result.failures) > 0
-    assert len(history) > 2
-    assert history["load"][-1] == 0.14
-    assert history["cuts"].max() > 0
-    assert history["zeta"][-1] == pytest.approx(zeta, abs=1e-9)
-    # What the tolerance leaves: 1e-10 of the largest force.
-    assert history["T"][-1] == pytest.approx(traction, abs=2e-8)
-    for load, gap in zip(history["load"], history["zeta"], strict=True):
-        assert gap == pytest.approx(closed_form(load)[0], abs=1e-9)
-
-
 @pytest.mark.parametrize(
     "law",
     [
