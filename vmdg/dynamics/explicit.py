@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..base.parallel import global_any, global_max, global_sum, raise_together
 from ..domain.topology import box_sides
 from ..interface.active import take_in
+from ..interface.stabilization import SoftensTooFast
 from ..linear.ksp import destroy, set_options
 from ..problem.ledger import WorkInMotion
 from ..problem.motion import Plan, moving
@@ -136,7 +137,7 @@ class ExplicitSteps:
         if self._critical == math.inf or (done == 0 and not self._constant):
             try:
                 problem.step.renew()
-            except ValueError as error:
+            except SoftensTooFast as error:
                 return str(error)
             self._critical = self._viscous.stable(self.critical_step())
             self._count = done = 0

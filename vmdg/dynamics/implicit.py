@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..base.parallel import global_any, global_norm, global_sum
 from ..domain.topology import box_sides
 from ..interface.active import meets_or_parts
+from ..interface.stabilization import SoftensTooFast
 from ..linear.ksp import (
     MAX_RTOL,
     Petsc,
@@ -165,7 +166,7 @@ class ImplicitSteps:
         problem.loading.check_finite(t)
         try:
             step.begin(t, h)
-        except ValueError as error:
+        except SoftensTooFast as error:
             return Attempt(False, reason=str(error))
         u0, R0 = step.start.u[:owned], forces_at_start(step)
         self._dt, self._norms = h, []

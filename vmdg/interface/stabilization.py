@@ -134,6 +134,10 @@ def _distinct(rows: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.in
     return np.ascontiguousarray(found.T), where.ravel()
 
 
+class SoftensTooFast(ValueError):
+    """A bond has no equilibrium in the current state: a step that ends elsewhere may have one."""
+
+
 class Stabilizer:
     """The stabilization of one interface, derived and scaled.
 
@@ -256,8 +260,11 @@ class Stabilizer:
         return not (applied.norm < needed).any()
 
     def check_softening(self, stabilization: Stabilization) -> None:
-        """Refuse a penalty at which the bond would soften faster than the bodies unload;
-        collective."""
+        """
+
+        SoftensTooFast: at this penalty the bond would soften faster than the bodies unload;
+            collective.
+        """
         comm = self._quadrature.mesh.comm
         r, law = stabilization.norm, self.facets.law
         H = np.broadcast_to(law.softening_modulus, r.shape)
@@ -275,7 +282,7 @@ class Stabilizer:
             )
             if H[f] > SUSPICIOUS_RATIO * r[f]:
                 message += SAME_UNITS
-        raise_together(comm, message)
+        raise_together(comm, message, SoftensTooFast)
 
 
 #: Results of :meth:`Stabilizers.derive` and :meth:`Stabilizers.coercivity`.

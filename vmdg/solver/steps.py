@@ -10,6 +10,7 @@ import numpy as np
 from ..assembly.discretization import carried
 from ..checks.model import rated
 from ..interface.activation import OPENS, REPEATS_STEP, Utilization
+from ..interface.stabilization import SoftensTooFast
 from ..problem.problem import Problem
 from ..sensitivity.derivatives import Derivatives
 from .attempt import Attempt
@@ -172,7 +173,7 @@ class Steps:
             t = problem.t
         try:
             problem.step.begin(t, dt, limits.start if jump else 0.0, moves * options.cycles)
-        except ValueError as error:
+        except SoftensTooFast as error:
             if not (jump or self.viscous):
                 raise
             return Attempt(False, reason=str(error))
