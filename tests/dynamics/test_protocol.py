@@ -95,6 +95,15 @@ def test_exceptions_anywhere(scheme, count):
         assert np.abs(state(problem) - last).max() < 1e-9 * np.abs(last).max()
 
 
+@pytest.mark.parametrize(("scheme", "name"), zip(SCHEMES, ("begin", "renew"), strict=True))
+def test_error_where_a_step_begins(comm, scheme, name):
+    """It is no step that fails."""
+    problem = pulled(comm, "finite")
+    fail_in(problem, 2, ValueError("of a user"), name)
+    with pytest.raises(ValueError, match="of a user"):
+        vmdg.solve_dynamics(problem, TIMES, scheme)
+
+
 def test_exception_at_a_row(comm):
     """While the state of a new row is copied: that row is not there."""
     rows = {0: state(pulled(comm))}
