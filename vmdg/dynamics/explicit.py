@@ -238,6 +238,7 @@ class ExplicitSteps:
         step.march(t, h)
         moves = self._supports.at(before, t, after)
         a0 = motion.acceleration
+        damped = self._motion.damping.exists
         if self._drag is None:
             self._drag = self._viscous.drag(motion.velocity.x.array[: self._owned])
         speed = motion.velocity.x.array[held]
@@ -248,18 +249,20 @@ class ExplicitSteps:
         if not self._contact.balance(h):
             step.cancel()
             return False
-        rate = self._motion.damping.resist(step.start.u, h)
+        rate = self._motion.damping.resist(step.start.u, h) if damped else 0.0
         a1 = self._acceleration(v, h, rate, moves[1])
         v += h / 2 * a1
-        v[self._massless] = (u.array - step.start.u)[self._massless] / h
+        v[self._massless] = (u.array[self._massless] - step.start.u[self._massless]) / h
         v[held] = moves[0]
         mass = self._contact.masses[held]
-        first, self._drag = self._drag, self._viscous.drag(v) + rate
+        first, spent = self._drag, 0.0
+        if damped:
+            self._drag = self._viscous.drag(v) + rate
+            spent = (first + self._drag) / 2 @ (u.array - step.start.u)[: self._owned]
         viscous = first[held], self._drag[held]
-        damped = (first + self._drag) / 2 @ (u.array - step.start.u)[: self._owned]
         # Of lumped masses supports change the kinetic energy.
         done = mass @ (v[held] ** 2 - speed**2) / 2
-        step.commit(WorkInMotion(viscous, float(done), float(damped)))
+        step.commit(WorkInMotion(viscous, float(done), float(spent)))
         carried = np.zeros(self._owned)
         if self._motion.damping.dashpots:
             carried -= self._viscous.of_dashpots(v)
@@ -269,8 +272,11 @@ class ExplicitSteps:
         motion.move(v, a1, carried, plan)
         return True
 
-    def _acceleration(self, v: Array, h: float, rate: Array, of_supports: Array | float) -> Array:
-        forces = -self._problem.discretization.forces.x.array[: self._owned] - rate
+    def _acceleration(
+        self, v: Array, h: float, rate: Array | float, of_supports: Array | float
+    ) -> Array:
+        forces = -self._problem.discretization.forces.x.array[: self._owned]
+        forces -= rate
         a = self._viscous.solve(forces, self._inverse, v, h)
         a[self._problem.loading.owned_prescribed] = of_supports
         return a

@@ -171,10 +171,13 @@ class Points:
 
     def _write_deformations(self, gradients: Array) -> None:
         """Set F of both sides from entries of GRAD u (nf, points, 2, entries)."""
+        size = self.geometry.size(self.d)
         rows, columns = np.transpose(self.geometry.entries(self.d))[:, : gradients.shape[3]]
-        F = np.tile(np.eye(self.geometry.size(self.d)), (2, len(self.facet), 1, 1))
-        entries = gradients.reshape(len(self.facet), 2, len(rows))
-        F[:, :, rows, columns] += entries.swapaxes(0, 1)
+        at = size * rows + columns
+        F = np.tile(np.eye(size).ravel(), (2, len(self.facet), 1))
+        entries = gradients.reshape(len(self.facet), 2, len(rows)).swapaxes(0, 1)
+        # In order, but for the hoop.
+        F[:, :, slice(len(at)) if size == self.d else at] += entries
         self.write(self.F, F)
 
     def evaluator(

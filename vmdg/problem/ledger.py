@@ -301,7 +301,8 @@ class Ledger:
         prescribed, change = self._loading.owned_prescribed, now.u.x.array - start.u
         # The parts of the loads that this rank has assembled.
         share, before = motion.share, 1 - motion.share
-        work = motion.inertial + (before * begun.loads + share * self._loading.vector) @ change
+        work = before * (begun.loads @ change) + share * (self._loading.vector @ change)
+        work += motion.inertial
         if len(prescribed):
             forces = before * (start.forces[prescribed] + motion.viscous[0])
             forces += share * (now.forces.x.array[prescribed] + motion.viscous[1])
