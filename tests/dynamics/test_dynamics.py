@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 from mpi4py import MPI
 
@@ -143,6 +144,32 @@ def test_spin(comm, scheme):
     assert np.abs(history["P"]).max() < 1e-9
     assert history["L"] == pytest.approx(np.full(400, history["L"][0]), rel=1e-3)
     assert np.abs(history["imbalance"]).max() < 2e-3 * history["kinetic"][0]
+
+
+@pytest.mark.filterwarnings("ignore:solve_dynamics. up to")  # long steps
+def test_moment_of_momentum(comm):
+    """Implicit steps at finite strain change it by h/4 sum(dx x dR), see GeneralizedAlpha."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    body, bond = vmdg.NeoHookean(E=100.0, nu=0.3), vmdg.Debonding(strength=50.0, critical_gap=0.1)
+    problem = of_two(scene, bond, (body,) * 2, density={1: 1.0, 2: 1.0})
+    owned, rows = problem.discretization.owned, []
+    X = problem.space.tabulate_dof_coordinates()[: owned // 2, :2] - [1.0, 0.5]
+
+    def keep(problem):
+        forces = problem.discretization.forces
+        v, u, R = (f.x.array[:owned].copy() for f in (problem.velocity, problem.u, forces))
+        P = problem.step.motion.of(v)
+        rows.append([array.reshape(-1, 2) for array in (X.ravel() + u, P, R)])
+        return {}
+
+    turning = lambda x: np.array([0.5 - x[1], 1.1 * (x[0] - 1)])  # noqa: E731
+    h = 0.03
+    vmdg.solve_dynamics(problem, h * np.arange(1, 9), SCHEMES[1], turning, keep, QUIET)
+    cross = lambda a, b: comm.allreduce((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())  # noqa: E731
+    for (x0, P0, R0), (x1, P1, R1) in pairwise(rows):
+        change, size = cross(x1, P1) - cross(x0, P0), abs(cross(x0, P0))
+        assert abs(change) > 1e-7 * size
+        assert change == pytest.approx(h / 4 * cross(x1 - x0, R1 - R0), abs=1e-8 * size)
 
 
 @EVERY_SCHEME
