@@ -186,7 +186,7 @@ class ExtrinsicLaw(Law):
         update.gap[rows] = (
             at.gap - closure.length[:, None] * at.normal + sliding.slip[:, None] * direction
         )
-        update.softening[rows] = self._softened(at, sliding.left / ratio, sliding.lost / ratio)
+        update.softening[rows] = self._softened(at, sliding.left, sliding.lost / ratio)
         update.multiplier[rows] = sliding.slip
         update.tangent[rows] = self._pressed_tangent(at, closure, sliding, direction)
         mode = np.where(sliding.slipping, Mode.SHEAR, Mode.ELASTIC)

@@ -208,8 +208,8 @@ def _log_slopes(x: Array) -> Array:
     """(ln x_a - ln x_b)/(2 (x_a - x_b)) of three pairs (n, 3); for equal values 1/(2 x_a)."""
     other = x[:, _SECOND[3:6]]
     r = (x[:, _FIRST[3:6]] - other) / other
-    near = np.abs(r) < 1e-8
-    return np.where(near, 1 - r / 2, np.log1p(r) / np.where(near, 1.0, r)) / (2 * other)
+    equal = r == 0
+    return np.where(equal, 1.0, np.log1p(r) / np.where(equal, 1.0, r)) / (2 * other)
 
 
 def check_numbers(owner: str, numbers: Mapping[str, object], positive: tuple[str, ...]) -> None:
