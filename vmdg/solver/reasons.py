@@ -22,7 +22,8 @@ _SMALLER = "smaller steps (more load factors, SolveOptions(max_cuts=12))"
 _RESIDUAL = (
     f"{_SMALLER}; if the force has a peak, prescribed displacements instead of forces and "
     "SolveOptions(control='auto'), the default; a finer mesh along the interface, or a larger "
-    "critical gap (energy) of the bond, so that fewer points break at once"
+    "critical gap (energy) of the bond, so that fewer points break at once; bodies that overlap "
+    "deeply at the start held apart by a support, whose motion brings them together"
 )
 _BROKEN = (
     f"{_SMALLER}; supports for every body that is unconstrained once its bond is broken "
