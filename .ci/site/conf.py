@@ -19,11 +19,12 @@ from pages import aliases  # noqa: E402
 
 # What vmdg imports and this machine has not is replaced, so that docstrings can be read without
 # FEniCSx. Some modules of vmdg look into it when they are imported: they compare versions and the
-# size of a communicator, and search a docstring of DOLFINx.
+# size of a communicator, search a docstring of DOLFINx, and make unions of its types.
 FENICSX = "dolfinx petsc4py mpi4py ufl basix ffcx gmsh meshio h5py cffi adios2 pyvista vtk".split()
 autodoc_mock_imports = [name for name in FENICSX if find_spec(name) is None]
 sys.meta_path.insert(0, MockFinder(autodoc_mock_imports))
 _MockObject.__gt__ = _MockObject.__lt__ = lambda *_: False
+_MockObject.__or__ = _MockObject.__ror__ = lambda self, _: self
 _MockObject.__init__.__doc__ = ""
 
 import vmdg  # noqa: E402

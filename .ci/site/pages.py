@@ -203,8 +203,12 @@ def title(first: str) -> str:
     return words[0].upper() + words[1:]
 
 
-def demo_page(demo: Path) -> str:
-    """Page of a demo: its docstring, its pictures, the script, of a study its parts."""
+def demo_page(demo: Path, known: dict[str, str]) -> str:
+    """Page of a demo: its docstring, its pictures, the script, of a study its parts.
+
+    Args:
+        known: What ``anchors`` gives.
+    """
     lines, behind = docstring(demo)
     text = "\n".join(lines).replace("``", "`")
     made = [f"# {title(lines[0])}", "", text, ""]
@@ -215,7 +219,7 @@ def demo_page(demo: Path) -> str:
     others = [f"/{path.relative_to(ROOT)}" for path in own]
     rest = [(path, "") for path in others if path not in named and path not in taken]
     for path, words in [*shown, *rest]:
-        made += [f"![]({path})", "", words, ""]
+        made += [f"![]({path})", "", linked(words, PAGES["gallery"], known), ""]
     options = f"`demos/run {demo.stem} --help` lists its options."
     made += [
         "## The script",
@@ -393,7 +397,7 @@ def sources() -> dict[str, str]:
         text = linked(table.read_text(), f"demos/gallery/{table.name}", known)
         made[f"tables/{table.name}"] = text
     for demo in demos():
-        made[f"demos/{demo.stem}.md"] = demo_page(demo)
+        made[f"demos/{demo.stem}.md"] = demo_page(demo, known)
     made["api.md"] = api()
     for contents in sorted(HERE.glob("*.md")):
         before = made.get(contents.name, "")
