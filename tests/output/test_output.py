@@ -7,12 +7,13 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
-from support.problems import couple
+from support.problems import couple, joined
 from support.scenes import LEFT, RIGHT, two_blocks
 from support.vtx import read_vtx
 
@@ -125,6 +126,71 @@ def test_chosen_fields(comm, out, cell):
                 fields.write(wrong)
     with pytest.raises(ValueError, match=r"no field 'strain'; choose from \('displacement'"):
         FieldWriter(problem, out / "c", fields=["strain"])
+    with pytest.raises(ValueError, match="format = 'xdmf' must be one of"):
+        FieldWriter(problem, out / "c", format="xdmf")
+
+
+def parts_of(folder: Path, t: float) -> list:
+    """What meshio reads of a time that the list of a series has."""
+    meshio = pytest.importorskip("meshio")
+    sets = ElementTree.parse(folder / f"{folder.name}.pvd").iter("DataSet")
+    names = [one.get("file") for one in sets if float(one.get("timestep")) == t]
+    return [meshio.read(folder / name) for name in names]
+
+
+@CELLS
+def test_files_of_meshio(comm, out, cell):
+    """Numbers of a .vtu series are those of the problem, on both sides of the interface; the list
+    is complete while the files are open, and earlier ones stay."""
+    problem = torn(comm, cell)
+    for _ in range(2):
+        with FieldWriter(problem, out, format="vtu") as fields:
+            fields.write(0.25)
+            fields.write(0.5)
+            comm.barrier()
+            bodies, bonds = (parts_of(out / name, 0.5) for name in ("bodies", "interface_0"))
+    comm.barrier()
+    assert {path.name for path in out.iterdir()} == {
+        f"{name}{earlier}" for name in ("bodies", "interface_0") for earlier in ("", ".1")
+    }
+    points = np.concatenate([part.points for part in bodies])
+    u = np.concatenate([part.point_data["displacement [mm]"] for part in bodies])
+    assert not u[points[:, 0] == 0.0].any()
+    opening = np.concatenate([part.point_data["opening [mm]"] for part in bonds])
+    inside = np.isclose(points[:, 0], points[:, 0].max() / 2)
+    apart = np.ptp(u[inside, 0])
+    assert opening[:, 0].max() / 2 < apart < 2 * opening[:, 0].max()
+    mean = problem.mean(0)
+    d = problem.mesh.geometry.dim
+    assert opening.mean(axis=0)[:d] == pytest.approx(mean.opening, rel=1e-9)
+    assert np.concatenate([part.point_data["stress [MPa]"] for part in bodies]).shape[1] == 9
+
+
+#: Ends of the sides whose middles are the first nodes behind the corners.
+SIDES = {
+    "quad9": (4, [(0, 1), (1, 2), (2, 3), (3, 0)]),
+    "tetra10": (4, [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]),
+    "hexahedron27": (
+        8,
+        [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)]
+        + [(0, 4), (1, 5), (2, 6), (3, 7)],
+    ),
+}
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron", "hexahedron"])
+def test_nodes_have_the_order_of_vtk(comm, out, cell):
+    scene = blocks(comm, cell, (2, 1, 1))
+    problem = joined(scene, LAW, degree=2)
+    with FieldWriter(problem, out, ["displacement"], format="vtu") as fields:
+        fields.write(0.0)
+    comm.barrier()
+    for part in parts_of(out / "bodies", 0.0):
+        (block,) = part.cells
+        corners, sides = SIDES[block.type]
+        X = part.points[block.data]
+        middles = X[:, np.array(sides)].mean(axis=2)
+        assert X[:, corners : corners + len(sides)] == pytest.approx(middles, abs=1e-12)
 
 
 def test_mode_of_a_facet():

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from numbers import Real
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from dolfinx import fem
@@ -26,14 +27,22 @@ from ..problem.problem import Problem
 from .cell import whole_displacement
 from .corners import corners_of_local, positions_and_displacements
 from .values import VECTORS, facet_means, facet_scalar, open_facets
+from .vtu import Series, check_meshio
 
 #: Fields of the bodies, and of the interfaces.
 DISPLACEMENT, STRESS = "displacement", "stress"
 INTERFACE_FIELDS = (DISPLACEMENT, *VECTORS, "slip", "damage", "mode", "fine_scale")
-#: Free disk space required before fields are written, relative to their size.
-ROOM = 2.0
 
 FIELDS = tuple(dict.fromkeys((DISPLACEMENT, STRESS, *INTERFACE_FIELDS)))
+
+UNITS = {
+    **dict.fromkeys((DISPLACEMENT, "opening", "gap", "slip", "fine_scale"), "mm"),
+    **dict.fromkeys((STRESS, "traction"), "MPa"),
+    **dict.fromkeys(("damage", "mode"), "-"),
+}
+#: Free disk space required before fields are written, relative to their size, by format; points
+#: and cells are written at every time, and put together in memory.
+ROOM = {"bp": 2.0, "vtu": 8.0}
 
 
 def discontinuous(problem: Problem) -> fem.Function:
@@ -119,13 +128,24 @@ def _writer(file: Path, functions: list[fem.Function]) -> VTXWriter:
     return VTXWriter(functions[0].function_space.mesh.comm, file, functions, "BP4")
 
 
+def _series(folder: Path, functions: list[fem.Function]) -> Series:
+    return Series(folder, functions, [f"{one.name} [{UNITS[one.name]}]" for one in functions])
+
+
+class _Writer(Protocol):
+    def write(self, t: float) -> None: ...
+
+    def close(self) -> None: ...
+
+
 class FieldWriter:
-    """Writes fields of the bodies and of the interfaces as VTX (.bp) time series for ParaView.
+    """Writes fields of the bodies and of the interfaces as time series for ParaView.
 
     Open bodies.bp and the files of the interfaces together and warp all by the displacement. Use as
     a context manager. Only requested fields are evaluated. Files of an earlier run, for example of
     one that is continued, are kept: bodies.bp becomes bodies.1.bp, etc. Only one run at a time may
-    write to a folder.
+    write to a folder. Every cell has corners of its own, so that both sides of an interface are
+    there.
 
     Args:
         problem: The problem.
@@ -136,9 +156,14 @@ class FieldWriter:
             vectors, "slip" [mm], "damage" [-], "mode" and "fine_scale" [mm], see
             :func:`vmdg.output.values.scalar`. The displacement, if chosen, is also written for
             interfaces.
+        format: "bp", VTX files of ADIOS2, which are small and quick; or "vtu", which pyvista,
+            meshio and vtk of PyPI read too: folders bodies, bond, ..., with bodies/bodies.pvd and
+            a .vtu file for every time and rank, of degree 2 at most, by meshio. Names have their
+            units there: "stress [MPa]".
 
     Raises:
-        ValueError: an unknown name, or no name.
+        ValueError: an unknown name or format, or no name.
+        ImportError: format="vtu" without meshio.
         TypeError: the problem is not a problem.
         OSError: the folder is not writable, or another run writes to it; on all ranks.
 
@@ -146,14 +171,18 @@ class FieldWriter:
     """
 
     def __init__(
-        self, problem: Problem, folder: str | Path, fields: Sequence[str] | str | None = None
+        self,
+        problem: Problem,
+        folder: str | Path,
+        fields: Sequence[str] | str | None = None,
+        format: str = "bp",
     ):
         if not isinstance(problem, Problem):
             raise TypeError(
                 f"FieldWriter: problem = {problem!r} must be a vmdg.Problem, and the folder comes "
                 "after it"
             )
-        same_arguments(problem.comm, "FieldWriter", folder=folder, fields=fields)
+        same_arguments(problem.comm, "FieldWriter", folder=folder, fields=fields, format=format)
         fields = (fields,) if isinstance(fields, str) else fields
         names = FIELDS if fields is None else tuple(dict.fromkeys(fields))
         for name in names:
@@ -161,6 +190,10 @@ class FieldWriter:
                 raise ValueError(f"FieldWriter: there is no field {name!r}; choose from {FIELDS}")
         if not names:
             raise ValueError(f"FieldWriter: fields is empty; choose from {FIELDS}, None for all")
+        if format not in ROOM:
+            raise ValueError(f"FieldWriter: format = {format!r} must be one of {tuple(ROOM)}")
+        if format == "vtu":
+            check_meshio()
         self._comm = problem.comm
         self._folder = checked_path("FieldWriter: folder", folder).absolute()
         self._updates: list[Callable[[], object]] = []
@@ -178,14 +211,16 @@ class FieldWriter:
                 interface = InterfaceFields(problem, name, chosen)
                 self._updates.append(interface.update)
                 files[name] = list(interface.functions.values())
-        self._files = [self._folder / f"{name}.bp" for name in files if files[name]]
+        suffix = ".bp" if format == "bp" else ""
+        self._files = [self._folder / f"{name}{suffix}" for name in files if files[name]]
         written = [functions for functions in files.values() if functions]
         local = sum(function.x.array.nbytes for part in written for function in part)
-        self._bytes = float(global_sum(self._comm, local))
+        self._bytes, self._room = float(global_sum(self._comm, local)), ROOM[format]
         self._claim = Claim(self._comm, self._folder / "fields.lock", f"fields in {folder}")
-        self._writers: list[VTXWriter] = []
+        self._writers: list[_Writer] = []
         self._do(self._keep_earlier_files)
-        self._do(lambda: self._writers.extend(map(_writer, self._files, written)))
+        make = _writer if format == "bp" else _series
+        self._do(lambda: self._writers.extend(map(make, self._files, written)))
 
     def _keep_earlier_files(self) -> None:
         if self._comm.rank > 0:
@@ -231,7 +266,7 @@ class FieldWriter:
 
     def _full(self) -> bool:
         """Whether the disk is full, checked before collective writes."""
-        return shutil.disk_usage(self._folder).free < ROOM * self._bytes
+        return shutil.disk_usage(self._folder).free < self._room * self._bytes
 
     def _complaint(self, why: object) -> str:
         return (
