@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from support.apart import block
 from support.problems import of_two, set_displacement
 
 import vmdg
+from vmdg.dynamics.balance import Balance
 from vmdg.meshes import apart, blocks
+from vmdg.problem.states import Energy
 
 ENERGY = vmdg.SolveOptions(energy=True)
 LONG_STEPS = pytest.mark.filterwarnings("ignore:solve_dynamics. up to")
@@ -157,6 +160,28 @@ def test_losses_are_told(comm, steps, told):
     for warning in caught:
         assert "of the energy in motion" in str(warning.message)
         assert "take shorter steps" in str(warning.message)
+
+
+@pytest.mark.parametrize(("strict", "rows"), [(True, 2), (False, 4), (None, 9)])
+def test_dissipation_that_nothing_pays(strict, rows):
+    """Friction spends 0.4 % of the energy in each step, of which nothing is lost: a step that asks
+    for it ends after 1 %, one that does not where the run, which had lost 1 %, has made as much."""
+    spent, lost = [0.0], [0.0]
+    ledger = SimpleNamespace(
+        energy=lambda: Energy(0.0, 0.0, 0.0, friction=spent[0], viscosity=0.0, external=1.0)
+    )
+    motion = SimpleNamespace(kinetic_energy=lambda: 1.0 - lost[0])
+    balance = Balance(SimpleNamespace(step=SimpleNamespace(ledger=ledger, motion=motion)))
+    lost[0] = 0.01
+    assert not balance.fault()
+    count = 0
+    while count < 9:
+        spent[0] += 0.004
+        if balance.fault(strict=strict):
+            break
+        count += 1
+    assert count == rows
+    assert balance.imbalance == pytest.approx(0.01 - 0.004 * rows)
 
 
 def test_crushed_bar(comm):

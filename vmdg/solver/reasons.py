@@ -186,5 +186,7 @@ def explained(attempts: Sequence[str], in_time: bool = False) -> str:
             f"{reason(text, in_time).happened} ({text}{f', {times} times' if times > 1 else ''})"
         )
     others = f"; before, {'; '.join(told[1:])}" if told[1:] else ""
-    helps = reason(attempts[-1], in_time).helps
+    # Steps vanish by what has made them shorter.
+    causes = [text for text in attempts if text != "STEP_VANISHES"] or attempts
+    helps = reason(causes[-1], in_time).helps
     return f"{told[0]}{others}" + (f". What helps: {helps}" if helps else "")
