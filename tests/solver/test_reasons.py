@@ -78,3 +78,11 @@ def test_every_reason_is_explained():
     pages = (ROOT / "vmdg" / "HOWTO.md").read_text()
     section = pages.split("## When a step fails")[1].split("\n## ")[0]
     assert set(re.findall(r"^\| `([A-Z_]+)`", section, re.MULTILINE)) == set(REASONS)
+
+
+def test_steps_that_vanish_have_a_cause():
+    """What helps is what cures the failures that made them short."""
+    words = explained(["ENERGY_GAINED", "ENERGY_GAINED", "STEP_VANISHES"], in_time=True)
+    assert words.startswith("steps are shorter")
+    assert "What helps: shorter steps" in words
+    assert "What helps: larger or better shaped" in explained(["STEP_VANISHES"], in_time=True)

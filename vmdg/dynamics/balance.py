@@ -35,7 +35,8 @@ class Balance:
     with the rounding w_r of energies of bodies as stiff as they are.
 
     A strict balance counts what laws and bodies dissipate as spent. Where pairs of surfaces turn
-    that is not the work of their tractions, however short the step, so that it does not end a run.
+    that is not the work of their tractions, however short the step, so that only the imbalance of
+    the whole run ends it, what it has lost before included, if that is below -ALLOWED max(E).
 
     Nor may a step lose as much in which surfaces meet or part:
 
@@ -66,7 +67,11 @@ class Balance:
         return np.array([strict - energy.dissipated, strict]), here
 
     def fault(
-        self, change: float = 0.0, work: float = 0.0, strict: bool = False, keeps: bool = False
+        self,
+        change: float = 0.0,
+        work: float = 0.0,
+        strict: bool | None = None,
+        keeps: bool = False,
     ) -> str:
         """Why the current state cannot have the energy that it has, GAINED or LOST; empty if it
         can, and then the next one is judged from it; collective.
@@ -74,6 +79,7 @@ class Balance:
         Args:
             change: b_1 - b_0, the same on every rank [N mm].
             work: w, the same on every rank [N mm].
+            strict: Whether dissipation is spent in each step, or in the whole run; None for not.
             keeps: Whether the step may not lose more than ALLOWED.
         """
         now, here = self._measured()
@@ -81,7 +87,8 @@ class Balance:
         # Not of what was made.
         largest = max(self.largest, here - debts[0])
         allowed = ALLOWED * largest + work + self.rounding
-        if not (debts[: 1 + strict] <= allowed).all():
+        made = now[1] - self._last[1] - self.imbalance if strict is not None else 0.0
+        if not (np.append(debts[: 1 + bool(strict)], made) <= allowed).all():
             return GAINED
         if keeps and self._last[1] + change - now[1] > allowed:
             return LOST

@@ -12,6 +12,7 @@ from ..assembly.discretization import Discretization, split
 from ..assembly.point_matrices import add_tangent
 from ..base.parallel import global_any, global_norm
 from ..domain.topology import box_sides
+from ..laws import Law
 from ..linear.ksp import Petsc, destroy, set_options
 from ..problem.motion import moving
 from ..problem.problem import Problem
@@ -33,7 +34,13 @@ class ContactNodes:
     contact oscillates by a third. Mass redistribution (Khenous, Laborde and Renard 2008, Eur. J.
     Mech. A 27): the nodes of the interface give their mass to the others of their cells, and are in
     equilibrium in every step. Nodes of bonds, ties and dashpots keep their mass, those of cells
-    with no others, and all with beta K, mean dilatation, unknown means, or surfaces that slide far.
+    with no others, and all with beta K, mean dilatation, unknown means, or surfaces that slide.
+
+    Momentum and energy are kept by masses that are constant in time. Where surfaces slide all nodes
+    that may ever meet the other body would have none, which is all of its boundary: of a block of
+    2 x 2 x 3 hexahedra nearly all, whose impact then has half of its force, one of 5 x 6
+    quadrilaterals comes back at 0.86 of its speed instead of 0.90, and partners that change while
+    nodes come to rest make Newton's method alternate.
 
     Args:
         masses: Row sums of the mass matrix, owned dofs [N s2/mm].
@@ -151,6 +158,11 @@ class ContactNodes:
                 item.destroy()
 
 
+def massless(law: Law) -> bool:
+    """Whether nodes of a law have no mass: those of contact without a bond."""
+    return law.inelastic and not law.has_bond
+
+
 def _deformable(parts: Discretization) -> NDArray[np.int32]:
     """Owned cells of the bodies that are not walls."""
     none = np.zeros(0, dtype=np.int32)
@@ -174,7 +186,7 @@ def _massless(problem: Problem, cells: NDArray[np.int32]) -> Marks:
     contact, other = np.zeros((2, size))
     for active in parts.active.values():
         law = active.interface.law
-        marks = contact if law.inelastic and not law.has_bond else other
+        marks = contact if massless(law) else other
         for side, facets in zip(active.facets.cells.T, active.facets.local.T, strict=True):
             for facet in np.unique(facets):
                 there = dofmap.list[side[facets == facet]]

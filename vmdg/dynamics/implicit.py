@@ -149,7 +149,7 @@ class ImplicitSteps:
     def _step(self, t: float, shortens: bool) -> Attempt:
         """A step of the scheme, or where that makes energy one with the forces of its end. Only the
         shortest may lose much where surfaces meet or part, and with those forces make what is
-        dissipated; collective."""
+        dissipated, up to what the whole run may; collective."""
         found = self._attempt(t, self._scheme, True, shortens)
         return self._attempt(t, AtEnd(), shortens, shortens) if found.reason == GAINED else found
 

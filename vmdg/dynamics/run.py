@@ -10,12 +10,13 @@ from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.agreement import together
-from ..base.parallel import raise_together
+from ..base.parallel import raise_together, warn_together
 from ..base.texts import in_full
 from ..base.words import as_numbers
 from ..checks.model import check_duration
 from ..domain.tags import Group, by_tag
 from ..output.history import History
+from ..points.interface import label_of
 from ..problem.loading import groups_of, let_go
 from ..problem.motion import moving
 from ..problem.problem import Problem
@@ -27,6 +28,7 @@ from ..solver.reasons import explained
 from ..solver.result import Result, StepFailure
 from ..solver.run import agreed, common_columns, run_of
 from .balance import Losses
+from .contact_nodes import massless
 from .explicit import ExplicitSteps
 from .implicit import ImplicitSteps
 from .schemes import CentralDifferences, GeneralizedAlpha
@@ -177,9 +179,27 @@ def _checked(
         if present:
             raise ValueError(f"solve_dynamics has no motion for {what}")
     moving(problem.step.motion)
+    if isinstance(scheme, CentralDifferences) and history is None:
+        _warn_of_masses(problem)
     if history is None and len(given):
         check_duration(problem, float(given[-1]) - start)
     return given.astype(float)
+
+
+def _warn_of_masses(problem: Problem) -> None:
+    """Say that explicit steps leave contact nodes of surfaces that slide their mass; collective."""
+    active = problem.discretization.active.items()
+    keeps = [i for i, one in active if one.facets.slides and massless(one.law)]
+    message = (
+        f"solve_dynamics: surfaces that slide, those of {label_of(problem.interfaces, keeps[0])}, "
+        "keep the mass of their contact nodes in explicit steps, so that the force of an impact "
+        "oscillates by a third on any mesh; impulses, energies and momenta do not. Use means of "
+        "the force over some steps, GeneralizedAlpha, with half of that, or sliding=False where "
+        "they slide by less than a facet"
+        if keeps
+        else None
+    )
+    warn_together(problem.comm, message)
 
 
 def _set_out(

@@ -144,8 +144,9 @@ class CentralDifferences:
     tangent of the whole problem, interfaces included.
 
     Nodes of contact have no mass, so that the force of an impact does not oscillate. They keep it
-    where surfaces slide, whose partners change while nodes come to rest, and the force oscillates
-    by a third however fine the mesh; energies and momenta are as good.
+    where surfaces slide, as a warning says: all of the boundary may meet the other body, and bodies
+    are not to lose the mass of all of it. The force then oscillates by a third however fine the
+    mesh, with :class:`GeneralizedAlpha` by a sixth; energies and momenta are as good.
 
     Args:
         safety: Step relative to the critical one.

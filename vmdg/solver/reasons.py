@@ -144,8 +144,8 @@ IN_TIME = {
     "ENERGY_GAINED": Reason(
         "kinetic and stored energy grew by more than the work of loads and supports: the step is "
         "too long for what happens in it, such as an impact, a snap or a large rotation",
-        f"{_SHORTER}; a smaller safety or renewal of CentralDifferences; a finer mesh where "
-        "surfaces that slide meet",
+        f"{_SHORTER}; a smaller safety or renewal of CentralDifferences; where a corner slides "
+        "past nodes of the other surface, larger facets there, of a rigid wall a single one",
     ),
     "ENERGY_LOST": Reason(
         "the scheme lost more than 1 % of the energy where surfaces met or parted: the step is too "
@@ -186,5 +186,7 @@ def explained(attempts: Sequence[str], in_time: bool = False) -> str:
             f"{reason(text, in_time).happened} ({text}{f', {times} times' if times > 1 else ''})"
         )
     others = f"; before, {'; '.join(told[1:])}" if told[1:] else ""
-    helps = reason(attempts[-1], in_time).helps
+    # Steps vanish by what has made them shorter.
+    causes = [text for text in attempts if text != "STEP_VANISHES"] or attempts
+    helps = reason(causes[-1], in_time).helps
     return f"{told[0]}{others}" + (f". What helps: {helps}" if helps else "")
