@@ -215,6 +215,22 @@ def test_envelope():
         history.envelope("displacement")
 
 
+def test_rows_by_number():
+    """Rows count as in a list, some of them keep columns and units, and a mistake is named."""
+    history = vmdg.History()
+    for k in range(4):
+        history.append({"load": 0.1 * k, "force [N]": float(k)})
+    assert history[-1] == {"load": pytest.approx(0.3), "force": 3.0}
+    assert history[np.int64(1)]["force"] == 1.0
+    some = history[1:3]
+    assert isinstance(some, vmdg.History) and some.header == ["load", "force [N]"]
+    assert some["force"].tolist() == [1.0, 2.0]
+    history[0]["force"] = 7.0
+    assert history["force"][0] == 0.0
+    with pytest.raises(IndexError, match="history has 4 rows, and none of number 4"):
+        history[4]
+
+
 def test_names_of_columns():
     """A name is asked for, and columns are gone through, as in a dictionary."""
     history = vmdg.History()

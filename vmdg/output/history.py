@@ -10,7 +10,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, SupportsIndex, overload
 
 from mpi4py import MPI
 
@@ -37,7 +37,8 @@ def split_unit(column: str) -> tuple[str, str | None]:
 
 
 class History:
-    """Rows of named values; ``history["load"]`` is a column.
+    """Rows of named values; ``history["load"]`` is a column, ``history[-1]`` the last row by name,
+    and ``history[10:]`` a history of some rows.
 
     A name may include its unit in square brackets: a row with "force [N]" adds to the column
     "force" with unit N.
@@ -102,11 +103,41 @@ class History:
         """Names of all columns, so that ``dict(history)`` is a dictionary of columns."""
         return dict.fromkeys(self.columns).keys()
 
-    def __getitem__(self, column: str) -> NDArray:
-        name = self._name(column)
+    @overload
+    def __getitem__(self, key: str) -> NDArray: ...
+
+    @overload
+    def __getitem__(self, key: SupportsIndex) -> dict[str, Any]: ...
+
+    @overload
+    def __getitem__(self, key: slice) -> History: ...
+
+    def __getitem__(self, key: str | SupportsIndex | slice) -> NDArray | dict[str, Any] | History:
+        """A column by its name, with or without its unit; a row by its number; or some rows.
+
+        Raises:
+            KeyError: there is no such column.
+            IndexError: there is no such row.
+        """
+        if isinstance(key, slice):
+            return self._of(self.rows[key])
+        if isinstance(key, SupportsIndex):
+            return self._row(key)
+        name = self._name(key)
         if name is None:
-            raise KeyError(f"history has no column {column!r}; it has {self.columns}")
+            raise KeyError(f"history has no column {key!r}; it has {self.columns}")
         return np.array([row.get(name, np.nan) for row in self.rows])
+
+    def _row(self, number: SupportsIndex) -> dict[str, Any]:
+        try:
+            return dict(self.rows[number])
+        except IndexError:
+            raise IndexError(f"history has {len(self)} rows, and none of number {number}") from None
+
+    def _of(self, rows: Iterable[dict[str, Any]]) -> History:
+        result = History()
+        result.units, result.rows = dict(self.units), list(rows)
+        return result
 
     def _name(self, column: str) -> str | None:
         """The name of a column that may be given with its unit; None if no row has it."""
@@ -125,10 +156,7 @@ class History:
         """
         values = self[column]
         before = np.maximum.accumulate(np.concatenate([[-np.inf], values[:-1]]))
-        result = History()
-        result.units = dict(self.units)
-        result.rows = [self.rows[i] for i in np.flatnonzero(values > before)]
-        return result
+        return self._of(self.rows[i] for i in np.flatnonzero(values > before))
 
     def __repr__(self) -> str:
         size = f"{len(self)} rows x {len(self.columns)} columns"
