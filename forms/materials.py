@@ -44,6 +44,10 @@ class Parameters(Mapping[str, Any]):
         return repr(self._values)
 
 
+def _short(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else type(value).__name__
+
+
 class FromOthers:
     """A parameter computed cell by cell from others that vary.
 
@@ -123,6 +127,10 @@ class Material:
                 )
             value = Parameters(value)
         super().__setattr__(name, value)
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={_short(value)}" for name, value in self.parameters.items())
+        return f"<{type(self).__name__}: {values}>"
 
     @property
     def kernel_key(self) -> Hashable:

@@ -111,6 +111,11 @@ def test_lines_and_tables(comm):
         "<Problem: 8 cells (quadrilateral), 36 dofs; materials 1: NeoHookean, 2: NeoHookean; "
         "interfaces bond; t = 0.002>"
     )
+    assert repr(vmdg.NeoHookean(mu=2.0, lmbda=3.0)) == "<NeoHookean: mu=2, lmbda=3>"
+    assert repr(problem.snapshot()) == "<Snapshot: t = 0.002>"
+    if comm.size == 1:
+        said = "<InterfaceState: 4 points, 0 of them damaged; 2 facets, area 1>"
+        assert repr(problem.state[0]) == said
     table = problem._repr_html_()
     assert "&lt;Problem: 8 cells" in table and "<td>0</td><td>bond</td><td>Interface(" in table
     assert repr(result).startswith("<Result: 2 steps, ") and str(result.counts) in repr(result)

@@ -52,6 +52,14 @@ class InterfaceState:
     facet: NDArray[np.int32]
     damage: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        points, facets = len(self.weights), len(np.unique(self.facet))
+        damaged, area = np.count_nonzero(self.damage), self.weights.sum()
+        return (
+            f"<InterfaceState: {points} points, {damaged} of them damaged; {facets} facets, "
+            f"area {area:.6g}>"
+        )
+
     @classmethod
     def empty(cls, d: int) -> InterfaceState:
         """State of an interface with no open facet, in ``d`` dimensions."""

@@ -185,6 +185,9 @@ class Snapshot:
     rates: Rates | None = None
     motion: MotionState | None = None
 
+    def __repr__(self) -> str:
+        return f"<Snapshot: t = {self.t:.6g}>"
+
     def change_to(self, other: Snapshot) -> tuple[NDArray[np.float64], float] | None:
         """Change of the displacement of owned dofs [mm] and of the load factor to another state.
 
