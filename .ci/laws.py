@@ -77,7 +77,7 @@ def draw(law: vmdg.Law, file: Path) -> None:
         axes.plot(1e3 * path, traction, label=label, **style)
     axes.set(xlim=(-2, 1e3 * END), ylim=(-0.5, 15), xlabel="µm", ylabel="MPa")
     axes.legend(fontsize=7, loc="upper right", frameon=False)
-    fig.savefig(file, dpi=100)
+    fig.savefig(file, dpi=200)
     plt.close(fig)
 
 
@@ -92,7 +92,7 @@ def draw_lives(law: vmdg.FatigueDebonding, file: Path) -> None:
             axes.plot(lives, p, style, color=color, label=f"{mode}, R = {ratio:g}")
     axes.set(xlim=(1, 1e8), xscale="log", ylim=(0, 1), xlabel="cycles", ylabel="traction/strength")
     axes.legend(fontsize=6, loc="upper right", frameon=False)
-    fig.savefig(file, dpi=100)
+    fig.savefig(file, dpi=200)
     plt.close(fig)
 
 

@@ -28,6 +28,7 @@ NEEDED = (
     "pydata_sphinx_theme",
     "sphinx_copybutton",
     "sphinx_design",
+    "ziamath",
     "numpy",
     "scipy",
     "matplotlib",
@@ -49,6 +50,12 @@ def requirements() -> list[str]:
     return found
 
 
+def own() -> dict[str, str]:
+    """The environment without what would lead pip and Python to other folders."""
+    dropped = ("PYTHONPATH", "PYTHONHOME", "PYTHONUSERBASE", "PIP_TARGET", "PIP_PREFIX")
+    return {**{k: v for k, v in os.environ.items() if k not in dropped}, "PIP_USER": "0"}
+
+
 def environment() -> Path:
     """Interpreter of a virtual environment with these packages, which is made where it lacks."""
     wanted = requirements()
@@ -61,7 +68,8 @@ def environment() -> Path:
         shutil.rmtree(folder, ignore_errors=True)
         try:
             venv.create(folder, with_pip=True)
-            subprocess.run([python, "-m", "pip", "install", "--quiet", *wanted], check=True)
+            install = [python, "-m", "pip", "install", "--quiet", *wanted]
+            subprocess.run(install, check=True, env=own())
         except subprocess.CalledProcessError as error:
             sys.exit(
                 f"Sphinx could not be installed (exit code {error.returncode}): without a network "
@@ -88,7 +96,7 @@ def main() -> int:
     arguments = parser.parse_args()
     if not all(map(find_spec, NEEDED)):
         python = environment()
-        os.execv(python, [str(python), __file__, *sys.argv[1:]])
+        os.execve(python, [str(python), __file__, *sys.argv[1:]], own())
 
     from pages import write
     from sphinx.cmd.build import build_main

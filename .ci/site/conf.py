@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
+from docutils import nodes
 from sphinx.ext import autosummary
 from sphinx.ext.autodoc.mock import MockFinder, _MockObject
 from sphinx.util.inspect import TypeAliasForwardRef
@@ -15,19 +18,28 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE), str(ROOT)]
 
 from docstrings import readable  # noqa: E402
+from formulas import Unclear, block, mathml, spans  # noqa: E402
 from pages import aliases  # noqa: E402
 
-# What vmdg imports and this machine has not is replaced, so that docstrings can be read without
-# FEniCSx. Some modules of vmdg look into it when they are imported: they compare versions and the
-# size of a communicator, search a docstring of DOLFINx, and make unions of its types.
+# FEniCSx is replaced, so that docstrings can be read without it, and the site is the same where it
+# is. Some modules of vmdg look into it when they are imported: they compare versions and the size
+# of a communicator, search a docstring of DOLFINx, and make unions of its types.
 FENICSX = "dolfinx petsc4py mpi4py ufl basix ffcx gmsh meshio h5py cffi adios2 pyvista vtk".split()
-autodoc_mock_imports = [name for name in FENICSX if find_spec(name) is None]
+autodoc_mock_imports = FENICSX
 sys.meta_path.insert(0, MockFinder(autodoc_mock_imports))
 _MockObject.__gt__ = _MockObject.__lt__ = lambda *_: False
 _MockObject.__or__ = _MockObject.__ror__ = lambda self, _: self
 _MockObject.__init__.__doc__ = ""
 
 import vmdg  # noqa: E402
+
+#: Pages whose formulas are typeset: explanations, how-to, reference, names of the API, tutorials.
+FORMULAS = (
+    "explanation|howto|reference|names/|derivations|equations|microstructure|glossary|path"
+    "|demos/tutorial"
+)
+
+WORD_JOINER = "\u2060"
 
 project = "vmdg"
 author = "The vmdg developers"
@@ -38,7 +50,6 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
-    "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
     "sphinx_design",
@@ -52,7 +63,7 @@ autodoc_type_aliases = {name: name for name in aliases()} | {
 TypeAliasForwardRef.__repr__ = lambda self: self.name
 autosummary.WELL_KNOWN_ABBREVIATIONS += ("eq.", "eqs.", "St.")
 
-myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
+myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4
 
 autosummary_generate = True
@@ -74,7 +85,8 @@ copybutton_exclude = ".linenos, .gp, .go"
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"vmdg {version}"
-html_static_path = [str(HERE / "style.css")]
+FONTS = Path(find_spec("ziamath").origin).parent / "fonts"
+html_static_path = [str(HERE / "style.css"), str(FONTS / "STIXTwoMath-Regular.ttf")]
 html_css_files = ["style.css"]
 html_copy_source = False
 html_show_sourcelink = False
@@ -85,7 +97,7 @@ html_theme_options = {
     "navbar_end": ["search-button", "theme-switcher"],
     "navigation_depth": 2,
     "show_toc_level": 2,
-    "secondary_sidebar_items": ["page-toc"],
+    "secondary_sidebar_items": {"**": ["page-toc"], "equations": []},
     "footer_start": ["copyright"],
     "footer_end": [],
 }
@@ -97,6 +109,7 @@ def setup(app) -> None:
     """Docstrings are made ready before napoleon (priority 500) takes their sections apart."""
     app.connect("autodoc-process-docstring", _readable, priority=400)
     app.connect("autodoc-skip-member", _said_before)
+    app.connect("doctree-read", _typeset)
 
 
 def _readable(app, what, name, item, options, lines: list[str]) -> None:
@@ -108,3 +121,24 @@ def _readable(app, what, name, item, options, lines: list[str]) -> None:
 def _said_before(app, what, name, item, skip, options) -> bool | None:
     """Fields of named tuples, which the class describes."""
     return True if (getattr(item, "__doc__", "") or "").startswith("Alias for field") else None
+
+
+def _typeset(app, tree) -> None:
+    """Blocks without a language that are formulas, and formulas in sentences, become MathML."""
+    if re.match(FORMULAS, app.env.docname) is None:
+        return
+    for literal in list(tree.findall(nodes.literal_block)):
+        if literal.get("language", "none") in ("none", "default"):
+            with suppress(Unclear):
+                literal.replace_self(nodes.raw("", block(literal.astext()), format="html"))
+    for text in [t for p in tree.findall(nodes.paragraph) for t in p if isinstance(t, nodes.Text)]:
+        pieces: list[nodes.Node] = []
+        last = 0
+        for start, end in spans(text):
+            # No line ends between a formula and a bracket or comma.
+            around = (f" {text}"[start], f"{text} "[end])
+            tied = ["" if sign.isspace() else WORD_JOINER for sign in around]
+            made = tied[0] + mathml(text[start:end], display=False) + tied[1]
+            pieces += [nodes.Text(text[last:start]), nodes.raw("", made, format="html")]
+            last = end
+        text.parent.replace(text, [*pieces, nodes.Text(text[last:])])

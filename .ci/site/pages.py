@@ -8,6 +8,7 @@ in what order they stand, and Sphinx refuses a page that none of them lists.
 from __future__ import annotations
 
 import ast
+import json
 import posixpath
 import re
 import shutil
@@ -171,9 +172,29 @@ def linked(text: str, file: str, known: dict[str, str]) -> str:
     return "\n".join(part for part in made[:-1] if part is not None) + "\n"
 
 
+def synonyms() -> dict[str, list[str]]:
+    """Words of the glossary under which a reader may look for a page, by page of the site."""
+    known = anchors()
+    text = (ROOT / PAGES["glossary"]).read_text().split("\n## Other words\n")[1]
+    found: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        if line.startswith("* "):
+            words, _, links = line[2:].rpartition(": ")
+            for _, _, target in LINK.findall(links):
+                path, _, anchor = target.partition("#")
+                place = known[f"vmdg/{path}#{anchor}" if anchor else f"vmdg/{path}"]
+                found.setdefault(place.partition("#")[0].lstrip("/"), []).extend(words.split(", "))
+    return found
+
+
 def demos() -> list[Path]:
     """Scripts that ``demos/run`` lists: examples and studies."""
     return sorted([*DEMOS.glob("*.py"), *DEMOS.glob("studies/*.py")])
+
+
+def tutorial(demo: Path) -> bool:
+    """Whether a demo is one that is read from top to bottom, which is a notebook too."""
+    return demo.stem.startswith("tutorial")
 
 
 def scenes() -> dict[str, list[tuple[str, str]]]:
@@ -225,6 +246,7 @@ def demo_page(demo: Path, known: dict[str, str]) -> str:
         "## The script",
         "",
         f"`{demo.relative_to(ROOT)}`; {options}",
+        *[f"{{download}}`As a notebook </code/{demo.stem}.ipynb>`."] * tutorial(demo),
         "",
         *chapters(demo, behind),
         "",
@@ -251,6 +273,40 @@ def code(file: str, first: int = 1, last: int | str = "", dedent: int = 0) -> li
     options = [f":lines: {first}-{last}", ":language: python"]
     options += [f":dedent: {dedent}"] * bool(dedent)
     return [f"```{{literalinclude}} /code/{file}", *options, "```"]
+
+
+def notebook(demo: Path) -> str:
+    """A script as a Jupyter notebook: its docstring, its chapters, and a call of main at the end.
+
+    Numbered comments within functions stay there.
+    """
+    said, behind = docstring(demo)
+    lines = demo.read_text().splitlines()
+    end = next(i for i, line in enumerate(lines) if line.startswith("if __name__"))
+    cells = [("markdown", [f"# {title(said[0])}", "", *said])]
+    piece: list[str] = []
+    i = behind
+    while i < end:
+        found = re.match(r"# \d+\. (\w.*)", lines[i])
+        if not found:
+            piece.append(lines[i])
+            i += 1
+            continue
+        cells.append(("code", piece))
+        words, piece = [found[1]], []
+        while lines[i := i + 1].startswith("# "):
+            words.append(lines[i][2:])
+        cells.append(("markdown", words))
+    cells += [("code", piece), ("code", ["main()"])]
+    made = []
+    for kind, text in cells:
+        source = "\n".join(text).strip("\n")
+        if source:
+            cell = {"cell_type": kind, "id": f"cell-{len(made)}", "metadata": {}, "source": source}
+            made.append(cell | ({"execution_count": None, "outputs": []} if kind == "code" else {}))
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    whole = {"cells": made, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
+    return json.dumps(whole, indent=1, ensure_ascii=False)
 
 
 def chapters(demo: Path, behind: int) -> list[str]:
@@ -402,6 +458,8 @@ def sources() -> dict[str, str]:
     for contents in sorted(HERE.glob("*.md")):
         before = made.get(contents.name, "")
         made[contents.name] = before + "\n" * bool(before) + contents.read_text()
+    for name, words in synonyms().items():  # the search looks into the index, too
+        made[name] = made[name].rstrip("\n") + f"\n\n```{{index}} {', '.join(words)}\n```\n"
     return made
 
 
@@ -423,3 +481,5 @@ def write(folder: Path) -> None:
     shutil.copytree(DEMOS / "studies", folder / "code" / "studies")
     for demo in DEMOS.glob("*.py"):
         shutil.copy(demo, folder / "code")
+        if tutorial(demo):
+            (folder / "code" / f"{demo.stem}.ipynb").write_text(notebook(demo))

@@ -15,7 +15,7 @@ Journal of the Mechanics and Physics of Solids 40, 1; Bao and Suo 1992, Applied 
 the slip from its strain, d(slip)/dx = N/(E' t). With tau of the order of P_c, up to slips of the
 order of G_c/P_c,
 
-    l_s = (E' t G_c)^1/2 / P_c = (l t)^1/2.
+    l_s = (E' t G_c)^(1/2) / P_c = (l t)^(1/2).
 
 Where it opens it bends, E' t^3/12 d4w/dx4 = -sigma, which gives l^1/4 t^3/4 in the same way, less
 than l_s for t < l. So min(l, l_s) is an upper bound, with the larger l of opening and shear: if it
