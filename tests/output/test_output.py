@@ -309,3 +309,18 @@ def test_disk_fails(tmp_path, what, words):
     done = run_gone(tmp_path / "f", what, 2)
     assert done.returncode == 0, done.stderr[-2000:]
     assert done.stdout.count(words) == done.stdout.count("end") == 2
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own ranks")
+@pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.long), 2])
+def test_disk_that_gets_full_midway(tmp_path, ranks):
+    """What writes knows, and not before: an error alone, the end of the job on several ranks."""
+    done = run_gone(tmp_path / "f", "midway", ranks)
+    if ranks == 1:
+        assert done.returncode == 0, done.stderr[-2000:]
+        assert "told: fields in" in done.stdout
+        assert "cannot be written" in done.stdout
+    else:
+        assert done.returncode != 0
+        assert "couldn't write to file" in done.stderr
+        assert "the job is aborted on all ranks" in done.stderr
