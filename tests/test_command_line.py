@@ -112,12 +112,6 @@ def test_info_of_what_is_missing(comm, capsys, monkeypatch):
     assert main(["info"]) == 1
 
 
-def test_info_of_threads():
-    """What the variable says, and that it is not set."""
-    assert doctor.threads({"OMP_NUM_THREADS": "3"}).startswith("OMP_NUM_THREADS=3, ")
-    assert "unset" in doctor.threads({})
-
-
 def test_doctor(comm, capsys):
     """All checks of this installation are good, on any number of ranks."""
     assert main(["doctor"]) == 0
@@ -131,14 +125,6 @@ def test_doctor(comm, capsys):
     assert re.search(r"debonding .* 4 steps, \d+ corrections, error \de-\d+", said)
     assert said.endswith("vmdg works here.\n")
     assert "cure" not in said
-
-
-def test_closed_form():
-    """The stress of the stretch, by the other way round."""
-    traction, gap, end = doctor.half_broken()
-    stretch = 1 + (end - gap) / 2
-    assert doctor.SHEAR_MODULUS * (stretch - 1 / stretch) == pytest.approx(traction, rel=1e-12)
-    assert traction == pytest.approx(doctor.STRENGTH * (1 - gap / doctor.CRITICAL_GAP))
 
 
 def test_wrong_numbers_are_found(comm, capsys):
@@ -210,14 +196,3 @@ def test_failure_on_one_rank(comm, capsys):
         assert states(said) == {"disks": "FAILED", "tapes": "missing"}
         assert "OSError: no such disk" in said
         assert said.index("cure: buy one") < said.index("cure: buy two")
-
-
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts a process")
-def test_by_demos_run(tmp_path):
-    """``demos/run -m vmdg`` in the environment of the demos, with the exit code of the command."""
-    environment = os.environ | {"VMDG_PYTHON": sys.executable, "XDG_CACHE_HOME": str(tmp_path)}
-    for arguments, code in ((["--help"], 0), (["nonsense"], 2)):
-        command = ["bash", str(ROOT / "demos" / "run"), "-m", "vmdg", *arguments]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == code, done.stderr
-        assert "doctor" in done.stdout + done.stderr

@@ -90,25 +90,12 @@ def test_wheels_that_do_not_fit(machine, believes, variables, message):
     assert not machine.cache.exists()
 
 
-def test_older_python(machine):
-    """Where python3 is older than 3.12 there is nothing to say: Debian 12 has its private tree."""
-    done = machine.run("sys.version_info = (3, 11, 2)\nprint(wheels.find_or_install())")
-    assert (done.stdout, done.stderr) == ("None\n", "")
-
-
 #: No DOLFINx on the machine itself, and no tools to look for.
 PREPARE = """
 environment.machine_python = lambda modules: None
 debian.install_tools = debian.check_sandbox = lambda *_: None
 found = environment.prepare(False)
 """
-
-
-def test_private_tree_that_is_there(machine):
-    """It is used, and nothing is installed."""
-    there = 'debian.tree("trixie").mkdir(parents=True)\n'
-    done = machine.run(there + PREPARE + 'assert found.tree == debian.tree("trixie"), found')
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_wheels_once(machine):
@@ -121,14 +108,6 @@ def test_wheels_once(machine):
     assert (machine.cache / "filled").read_text() == "filled\n"
 
 
-def test_interrupted_installation(machine):
-    """A folder that was not completed is filled again."""
-    venv = Path(machine.run("print(wheels.find_or_install())").stdout.strip())
-    (venv / "complete").unlink()
-    assert machine.run("print(wheels.find_or_install())").stdout.strip() == str(venv)
-    assert (machine.cache / "filled").read_text() == "filled\n" * 2
-
-
 def test_failed_installation(machine):
     """The end of its log, no folder left, and the next way."""
     code = 'FILL = "mkdir -p $1; echo no network; exit 1"\nprint(wheels.find_or_install())'
@@ -137,32 +116,6 @@ def test_failed_installation(machine):
     assert "no network" in done.stderr and "could not be installed" in done.stderr
     assert "libglu1-mesa" in done.stderr
     assert not [path for path in machine.cache.glob("wheels-*") if path.is_dir()]
-
-
-def test_old_environments(machine):
-    """One in use is left, others go with their kernels and files."""
-    code = """
-for name in ("wheels-00000000", "wheels-11111111", "jit-wheels-00000000-ab"):
-    (CACHE / name).mkdir(parents=True)
-(CACHE / "wheels-00000000.log").touch()
-kept = common.lock(CACHE / "wheels-11111111.lock", common.LOCK_EX)
-print(wheels.find_or_install().name)
-"""
-    venv = machine.run(code).stdout.strip()
-    left = {path.name for path in machine.cache.glob("*wheels-*")}
-    assert left == {venv, f"{venv}.log", "wheels-11111111", "wheels-11111111.lock"}
-
-
-def test_build_waits_for_another(machine):
-    """It says so, and starts when the other one has ended."""
-    code = """
-other, say = common.build_lock(), common.say
-common.say = lambda line: (say(line), other.close())
-print(wheels.find_or_install().name)
-"""
-    done = machine.run(code)
-    assert "waiting for another build" in done.stderr
-    assert (machine.cache / done.stdout.strip() / "complete").exists()
 
 
 def test_run_in_wheels(machine):
@@ -309,13 +262,3 @@ def test_mpi_of_the_wheel(tmp_path, wheel):
         check=True,
     )
     assert done.stdout.strip() == (str(library) if wheel else "")
-
-
-@pytest.mark.long
-def test_process_that_dies(tmp_path):
-    """``tests/run -j`` ends where a process ends in a test, fails, and names the test once."""
-    (tmp_path / "test_dies.py").write_text("import os\n\ndef test_dies():\n    os._exit(0)\n")
-    (tmp_path / "test_lives.py").write_text("def test_lives():\n    pass\n")
-    done = command("tests", "-j", "2", str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
-    assert done.returncode == 1, done.stderr
-    assert len(re.findall("crashed while running '.*test_dies.py::test_dies'", done.stdout)) == 1

@@ -18,11 +18,9 @@ from support.checks import tangent_matrix
 from support.problems import set_displacement
 
 import vmdg
-from vmdg import meshes
 from vmdg.assembly.means import lattice_of
 from vmdg.base.tables import rounded
 from vmdg.checks.model import check_model
-from vmdg.compat import geometry_dofmap
 from vmdg.domain.lattice import Lattice
 from vmdg.linear.ksp import GMRES_GAMG, GMRES_LDLT, LU
 from vmdg.linear.system import System
@@ -312,37 +310,6 @@ def test_load_factor(comm, kinematics):
     assert len(expected) > 6
     for power in (-9, 3, 40):
         np.testing.assert_array_equal(path(2.0**power), expected)
-
-
-MESHES: dict[str, Callable[[float, MPI.Comm], TaggedMesh]] = {
-    "blocks": lambda L, comm: blocks(comm, "tetrahedron", (2, 2, 2), 2 * L, L, L, (0.8 * L, L)),
-    "beams": lambda L, comm: meshes.beams(
-        comm, stations=(0.0, 30 * L, 100 * L), height=1.5 * L, precrack=30 * L
-    ),
-    "plates": lambda L, comm: meshes.plates(
-        comm, x=(0.0, 30 * L, 100 * L), y=(0.0, 25 * L), height=1.5 * L, precrack=30 * L
-    ),
-    "fibre_matrix": lambda L, comm: meshes.fibre_matrix(
-        comm, size=L, radius=0.25 * L, element_size=0.15 * L
-    ),
-    "fibre_cell": lambda L, comm: fibre_cell(3, 0.3, 1, size=L, comm=comm),
-    "polycrystal": lambda L, comm: meshes.polycrystal(6, 1, size=L, comm=comm),
-}
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_meshes(comm, name):
-    """In other units, such as m; those that differ by a power of two to the last bit."""
-    (mesh, cells, facets), *others = (MESHES[name](L, comm) for L in (1.0, 2.0**-30, 1e-3))
-    for L, (other, bodies, sides) in zip((2.0**-30, 1e-3), others, strict=True):
-        np.testing.assert_array_equal(geometry_dofmap(other), geometry_dofmap(mesh))
-        np.testing.assert_array_equal(bodies.values, cells.values)
-        np.testing.assert_array_equal(sides.indices, facets.indices)
-        np.testing.assert_array_equal(sides.values, facets.values)
-        x, exact = mesh.geometry.x, L == 2.0**-30
-        # gmsh integrates the sizes of graded cells to 1e-9.
-        allowed = 0.0 if exact else 1e-8 * np.ptp(x, axis=0).max()
-        np.testing.assert_allclose(other.geometry.x / L, x, 0, allowed)
 
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 import ufl
 from support.checks import integral
 from support.problems import PRECISE, hold, revolved
-from support.scenes import BOTTOM, INNER, SEVERAL_RANKS, TOP, section
+from support.scenes import BOTTOM, INNER, TOP, section
 
 import vmdg
 
@@ -80,59 +78,3 @@ def test_tube_under_pressure(comm, cell, degree, law):
 
 
 # The same tube in 3D
-
-RADII, HEIGHT = (0.5, 1.0, 1.5), 1.0
-
-
-def squeezed_and_pushed(problem, radius, parts: int):
-    """Press the tubes together, then push the inner one through; force, damage and friction.
-
-    Args:
-        problem: The axial coordinate is the last one.
-        radius: r of coordinates (3, n).
-        parts: How many of them make the whole tube.
-    """
-    d = problem.mesh.geometry.dim
-    for i in range(d - 1):
-        problem.dirichlet(
-            lambda x: np.isclose(radius(x), RADII[-1]),
-            lambda x, t, i=i: -0.004 * min(t, 1) * x[i] / RADII[-1],
-            i,
-        )
-    last = d - 1
-    problem.dirichlet(lambda x: np.isclose(x[last], 0) & (radius(x) > RADII[1] - 1e-6), 0.0, last)
-
-    def top(x):
-        return np.isclose(x[last], HEIGHT) & (radius(x) < RADII[1] + 1e-6)
-
-    problem.dirichlet(top, lambda t: -max(t - 1, 0), last)
-
-    def monitor(problem):
-        return {"force": -parts * problem.reaction(top)[last]}
-
-    options = vmdg.SolveOptions(energy=True)
-    loads = [1.0, 1.005, 1.01, 1.015, 1.02, 1.03, 1.04, 1.06, 1.08, 1.1, 1.15, 1.2]
-    history = vmdg.solve(problem, loads, options, monitor).history
-    wanted = np.isin(history["load"], loads)  # not where a step was cut
-    energies = [parts * history[name] for name in ("bulk", "damage", "friction")]
-    return np.array([history["force"], *energies])[:, wanted]
-
-
-#: Slides over most of a coarse facet on purpose.
-SLIDES = pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
-
-TUBES = (vmdg.NeoHookean(E=5000.0, nu=0.25), vmdg.NeoHookean(E=2000.0, nu=0.35))
-BOND = vmdg.Debonding(strength=40.0, critical_gap=0.1, friction=0.4)
-
-
-@SEVERAL_RANKS
-@SLIDES
-def test_any_partition_gives_the_same(comm):
-    """Force, damage and friction on all ranks together and on one, to the solver's tolerance."""
-    tables = []
-    for group in (comm, MPI.COMM_SELF)[: comm.size]:
-        scene = section(group, "quadrilateral", (3, 4), RADII, HEIGHT)
-        tables.append(squeezed_and_pushed(revolved(scene, BOND, TUBES), lambda x: x[0], 1))
-    together, alone = tables[0], tables[-1]
-    assert (alone[2:, -1] > 1).all()
-    assert (np.abs(together - alone) < 1e-7 * np.abs(alone).max(axis=1, keepdims=True)).all()

@@ -141,30 +141,6 @@ def test_cooled_laminate(comm):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(sigma).max())
 
 
-def test_axial_modulus(comm):
-    """Of a fibre cell: the rule of mixtures with one nu, more with two (Hill 1964)."""
-    share, modulus = 0.25, 5 * E
-    moduli = []
-    for nu in (NU, 0.1):
-        fibre = vmdg.NeoHookean(E=modulus, nu=nu)
-        stretched = vmdg.GeneralizedStrain(strain=lambda t: 0.01 * t)
-        free = vmdg.Periodic(stress={"xx": 0.0})
-        cell = included(comm, (SOFT, fibre), plane=stretched, periodic=free)
-        axial = vmdg.AxialMotion(cell)
-        vmdg.solve(cell, [1.0], PRECISE)
-        moduli.append(axial.force / 0.01)
-        assert vmdg.PeriodicCell(cell).stress[2, 2] == pytest.approx(axial.force, rel=1e-12)
-    mixture = (1 - share) * E + share * modulus
-    assert moduli[0] == pytest.approx(mixture, rel=1e-10)
-    # Hill's bounds of the rest: 4 (nu_f - nu_m)^2 f m / (f/k_m + m/k_f + 1/G), G of either phase.
-    k_f, k_m = modulus / (2 * 1.1 * 0.8), E / (2 * (1 + NU) * (1 - 2 * NU))
-    rest = [
-        4 * (NU - 0.1) ** 2 * share * (1 - share) / (share / k_m + (1 - share) / k_f + 1 / G)
-        for G in (E / (2 * (1 + NU)), modulus / 2.2)
-    ]
-    assert rest[0] < moduli[1] - mixture < rest[1]
-
-
 @pytest.mark.parametrize("kinematics", ["small", "finite"])
 def test_macroscopic_tangent(comm, kinematics):
     """With F_33 at hand, while bonds break and rub: that of differences, along one direction.

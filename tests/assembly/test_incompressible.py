@@ -12,7 +12,6 @@ from support.checks import (
     directions,
     gather,
     global_norm,
-    multiply,
     tangent_error,
     tangent_matrix,
 )
@@ -24,7 +23,6 @@ from support.problems import (
 )
 from support.scenes import (
     DIMENSION,
-    box,
     distort,
     everywhere,
     tag_cells,
@@ -37,7 +35,6 @@ from vmdg.base.parallel import global_sum
 from vmdg.interface.coercivity import margin
 
 BRICKS = pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-KINEMATICS = pytest.mark.parametrize("kinematics", ["finite", "small"])
 BOTH_PAIRS = pytest.mark.parametrize(
     ("cell", "kinematics"), [("quadrilateral", "small"), ("hexahedron", "finite")]
 )
@@ -87,28 +84,6 @@ def test_cooks_membrane(comm):
     assert locked < 0.4 * reference
 
 
-def cantilever(comm, n: int, volumetric: str) -> float:
-    """Force that bends a solid beam 4 x 1 x 1 mm by 1 mm, n cubes across [N]."""
-    mesh, tags = box(comm, [np.zeros(3), np.array([4.0, 1.0, 1.0])], (4 * n, n, n))
-    problem = vmdg.Problem(mesh, tags, {1: rubber()}, [], volumetric=volumetric)
-    problem.dirichlet(lambda x: np.isclose(x[0], 0), 0.0)
-    problem.dirichlet(lambda x: np.isclose(x[0], 4), lambda t: t, "z")
-    vmdg.solve(problem, [0.5, 1.0])
-    return problem.reaction(lambda x: np.isclose(x[0], 4))[2]
-
-
-@pytest.mark.long
-def test_bending_of_hexahedra(comm):
-    """Two and three cells across: 5 and 1 % off; with pointwise J seven times as stiff.
-
-    Reference: degree 2, three cells across, computed once.
-    """
-    reference = 1.3149
-    assert cantilever(comm, 2, "mean") == pytest.approx(reference, rel=0.05)
-    assert cantilever(comm, 3, "mean") == pytest.approx(reference, rel=0.01)
-    assert cantilever(comm, 2, "pointwise") > 7 * reference
-
-
 # Exactness
 
 
@@ -132,26 +107,6 @@ def test_patch(comm, cell, kinematics):
     assert np.abs(theta - J).max() < 1e-12
     jump = global_norm(comm, problem.state[0].opening)
     assert jump < 1e-12
-
-
-@BRICKS
-def test_stress_of_uniform_deformation(comm, cell):
-    """Where J is uniform nothing differs: energy, tractions and stress are those of pointwise J."""
-    found, d = [], DIMENSION[cell]
-    H = np.array([[0.2, 0.1, 0.0], [-0.1, 0.3, 0.1], [0.0, 0.2, -0.1]])[:d, :d]
-    for volumetric in ("pointwise", "mean"):
-        scene = two_blocks(comm, cell, n=1, distortion=0.05)
-        problem = joined(scene, vmdg.Bonded(), volumetric=volumetric)
-        problem.u.interpolate(lambda x: H @ x[:d])
-        problem.discretization.update_stabilization()
-        problem.step.assemble_residual()
-        stress = problem.stress().x.array.copy()
-        forces = problem.discretization.forces
-        found.append((problem.energy().stored, problem.state[0].traction, stress, forces))
-    for pointwise, mean in zip(*(values[:3] for values in found), strict=True):
-        assert mean == pytest.approx(pointwise, rel=1e-12, abs=1e-9)
-    pointwise, mean = (values[3].x.array for values in found)
-    assert mean == pytest.approx(pointwise, rel=1e-10, abs=1e-9)
 
 
 # Tangent and energy
@@ -328,16 +283,3 @@ def test_cells_it_is_not_for(comm, cell, degree):
         joined(scene, vmdg.Bonded(), degree=degree, volumetric="mean")
     with pytest.raises(ValueError, match="volumetric = 'none' must be one of"):
         joined(scene, vmdg.Bonded(), degree=degree, volumetric="none")
-
-
-@KINEMATICS
-def test_small_strain_is_linear(comm, kinematics):
-    """B-bar: the residual is K.u; at finite strain it is not."""
-    scene = two_blocks(comm, "quadrilateral", distortion=0.05)
-    problem = joined(scene, vmdg.Bonded(), kinematics=kinematics, volumetric="mean")
-    displace(problem, scene, 1.0)
-    matrix = tangent_matrix(problem)
-    residual = problem.step.assemble_residual().copy()
-    product = multiply(matrix, problem.u.x.array[: len(residual)])
-    error = global_norm(comm, product - residual) / global_norm(comm, residual)
-    assert (error < 1e-12) == (kinematics == "small")

@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 from dolfinx import fem
 from support.checks import gather
-from support.problems import set_displacement
 from support.scenes import (
     CELLS,
-    CELLS_BY_TURNS,
     DIMENSION,
     cell_count,
     distort,
     everywhere,
     interior_facets,
     pairs,
-    tag_cells,
     unit_box,
 )
 
@@ -88,12 +85,6 @@ def test_cells_share_dofs_across_kept_facets_only(comm, cell, degree, cut):
         assert len(nodes) == 0
 
 
-def cell_values(u: fem.Function) -> np.ndarray:
-    """Nodal values of every local cell, ghosts included, (cells, nodes, d)."""
-    V = u.function_space
-    return u.x.array.reshape(-1, V.dofmap.index_map_bs)[V.dofmap.list]
-
-
 @pairs(cell=CELLS, degree=(1, 2), cut=("full", "tip", "cross", "every"))
 def test_affine_field_is_exact(comm, cell, degree, cut):
     """An affine field is reproduced inside all cells, so nodes and basis functions belong."""
@@ -113,26 +104,6 @@ def test_affine_field_is_exact(comm, cell, degree, cut):
     error = np.abs(u.eval(points, cells) - points[:, :d] @ A.T - 3.0).max()
     # Rounding of values up to 30, and of pulling the points back on distorted cells.
     assert comm.allreduce(error) < 1e-12
-
-
-@CELLS_BY_TURNS
-def test_bodies_carry_different_fields(comm, cell, degree):
-    """With every body cut loose, each carries its own field exactly, ghost cells included."""
-    mesh = unit_box(comm, cell, N)
-    quadrants = {
-        1: lambda x: (x[0] < 0.5) & (x[1] < 0.5),
-        2: lambda x: (x[0] > 0.5) & (x[1] < 0.5),
-        3: lambda x: (x[0] < 0.5) & (x[1] > 0.5),
-        4: lambda x: (x[0] > 0.5) & (x[1] > 0.5),
-    }
-    tags = tag_cells(mesh, quadrants)
-    V = broken_space(mesh, degree, interior_facets(mesh, CUTS["cross"]))
-    d = DIMENSION[cell]
-    u = fem.Function(V)
-    set_displacement(u, tags, lambda x, tag: tag * (1 + x[:d]))
-    nodes = V.tabulate_dof_coordinates()[V.dofmap.list][:, :, :d]
-    expected = tags.values[:, None, None] * (1 + nodes)
-    assert comm.allreduce(np.abs(cell_values(u) - expected).max()) < 1e-14
 
 
 @pytest.mark.parametrize(

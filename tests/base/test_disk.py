@@ -10,7 +10,6 @@ import pytest
 from support.problems import joined
 
 import vmdg
-from vmdg.base.claims import Claim
 from vmdg.meshes import blocks
 
 WORDS = "precious"
@@ -84,15 +83,6 @@ def test_names_that_are_taken(comm, out, name, link):
     comm.barrier()
     assert notes.read_text() == WORDS and kept.read_text() == WORDS
     assert kept.is_symlink() == link
-
-
-def test_lock_in_another_place(comm, out):
-    """A lock whose file was replaced leaves the new one alone."""
-    claim, lock = Claim(comm, out / "lock", "it"), out / "lock"
-    on_root(comm, lock.unlink, lambda: lock.write_text(WORDS))
-    claim.release()
-    comm.barrier()
-    assert lock.read_text() == WORDS
 
 
 def test_tables_of_earlier_runs_are_kept(comm, out):

@@ -10,7 +10,6 @@ import weakref
 
 from mpi4py import MPI
 
-import dolfinx.jit
 import pytest
 import ufl
 from dolfinx import fem
@@ -175,34 +174,3 @@ mesh = create_unit_square(MPI.COMM_SELF, 2, 2)
 form = fem.Constant(mesh, 1.0) * ufl.dx(mesh)
 compile_form(form, mesh.comm, {**JIT_OPTIONS, "cache_dir": Path(sys.argv[1]), "timeout": 2})
 """
-
-
-def test_kill_while_compiling(comm, options):
-    """A process is killed once it has claimed its kernel; the next compiles it at once."""
-    if comm.size > 1:
-        pytest.skip("a process of its own on one rank")
-    cache = options["cache_dir"]
-    process = subprocess.Popen([sys.executable, "-c", COMPILE, str(cache)])
-    while process.poll() is None and not list(cache.glob("*/*.c")):
-        time.sleep(0.001)
-    process.kill()
-    process.wait()
-    assert list(cache.glob("*/*.c")) and not list(cache.glob("*/*.c.cached"))
-    assert area(comm, options) == pytest.approx(1.0)
-
-
-def test_claims_elsewhere_are_left_alone(comm, out, monkeypatch):
-    """Who compiles with DOLFINx itself holds no lock: vmdg's kernels have their own folder."""
-    defaults = dolfinx.jit.get_options
-    monkeypatch.setattr(
-        dolfinx.jit,
-        "get_options",
-        lambda options=None: {**defaults(), "cache_dir": out, **(options or {})},
-    )
-    stranger = out / "libffcx_forms_of_a_stranger.c"
-    if comm.rank == 0:
-        stranger.write_text("")
-    comm.barrier()
-    assert area(comm, JIT_OPTIONS) == pytest.approx(1.0)
-    assert stranger.exists()
-    assert len(list((out / "vmdg").glob("*/*.c.cached"))) == 1

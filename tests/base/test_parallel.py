@@ -16,7 +16,6 @@ import vmdg
 from vmdg.base.agreement import same_call
 from vmdg.base.parallel import (
     global_any,
-    global_box,
     global_max,
     global_sum,
     group_maxima,
@@ -165,15 +164,6 @@ def test_numbers_of_any_kind(comm):
     assert list(range(count))[-1] == count - 1
     rows = np.arange(6.0).reshape(2, 3)
     assert np.array_equal(global_sum(comm, rows.T), comm.size * rows.T)
-
-
-def test_box(comm):
-    """The last rank has no points, unless it is alone."""
-    mine = np.array([[comm.rank, 2.0], [-1.0, -comm.rank]])
-    last = comm.size - 1
-    found = global_box(comm, mine[:0] if 0 < comm.rank == last else mine)
-    most = max(last - 1, 0)
-    assert np.array_equal(found, [[-1, -most], [most, 2]])
 
 
 def test_warning_in_code_without_a_module():

@@ -234,17 +234,6 @@ def test_support_that_starts_where_the_body_is(comm, out):
     assert_same(found, expected, 0.0 if comm.size == 1 else SAME, "force")
 
 
-def test_refused_load_leaves_the_start(comm):
-    """A rigid face that cannot be added does not move the start of a support."""
-    held = problem, _ = gripped(comm)
-    grip(problem)
-    run(held, [0.5])
-    before = problem.loading.prescribed_values(1.0)
-    with pytest.raises(ValueError, match="is prescribed too"):
-        problem.rigid_face(lambda x: np.isclose(x[0], 2))
-    assert (problem.loading.prescribed_values(1.0) == before).all()
-
-
 def test_a_checkpoint_changes_nothing(comm, out):
     """With a fluid where the bond is gone: forces and works are those of a run without one."""
     histories = []
@@ -375,20 +364,6 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, fault):
     vmdg.write_checkpoint(problem, out)
     assert vmdg.read_checkpoint(problem, out).rows == []
     assert (problem.u.x.array == 1e-3).all()
-
-
-@pytest.mark.filterwarnings("ignore:the body of tag 2 carries:vmdg.ModelWarning")
-def test_folder_that_is_a_file(comm, out):
-    """All ranks are told."""
-    if comm.rank == 0:
-        (out / "file").write_text("")
-    comm.barrier()
-    with pytest.raises(OSError, match=r"file cannot be written: .*choose a writable place"):
-        vmdg.write_checkpoint(small(comm), out / "file")
-    with pytest.raises(ValueError, match="it is a file, not a folder"):
-        vmdg.read_checkpoint(small(comm), out / "file")
-    with pytest.raises(OSError, match=r"file cannot be written: .*choose a writable place"):
-        run(gripped(comm), [1.0], checkpoint=out / "file")
 
 
 @EVERY_CELL

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import ast
-import io
 import json
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
-import tokenize
 from importlib import import_module
 from inspect import getdoc, signature
 from pathlib import Path
@@ -27,6 +26,7 @@ STUDIES = {path.stem: path for path in sorted((ROOT / "demos" / "studies").glob(
 LIBRARIES = {"vmdg", "dolfinx", "ufl", "numpy", "mpi4py", "matplotlib", "gmsh", "tqdm"}
 UNIT = re.compile(r"\[(m|mm|s|mm/s|MPa|N/mm|-|degrees)\]")
 EVERY = pytest.mark.parametrize("name", EXAMPLES)
+COUNT = runpy.run_path(str(ROOT / ".ci" / "lines.py"))["count"]
 alone = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
 
 #: Coarse runs of those that take a second or two.
@@ -82,30 +82,10 @@ def test_examples_and_studies_are_told_apart():
     assert not set(EXAMPLES) & set(STUDIES)
 
 
-def lines_of_code(source: str) -> int:
-    """Lines with code: none that are blank, a comment, or of a docstring."""
-    bodies = (node.body for node in ast.walk(ast.parse(source)) if hasattr(node, "body"))
-    texts = [body[0] for body in bodies if isinstance(body, list) and isinstance(body[0], ast.Expr)]
-    texts = [text for text in texts if isinstance(text.value, ast.Constant)]
-    told = {line for text in texts for line in range(text.lineno, text.end_lineno + 1)}
-    blank = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT}
-    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
-    spans = [(t.start[0], t.end[0]) for t in tokens if t.type not in blank | {tokenize.ENDMARKER}]
-    return len({line for first, last in spans for line in range(first, last + 1)} - told)
-
-
-def test_what_lines_of_code_are():
-    """Every line of a statement counts, a docstring and a comment do not."""
-    assert lines_of_code('"""One.\n\nTwo.\n"""\n\n# three\n') == 0
-    assert (
-        lines_of_code('def f():\n    """One."""\n    # two\n    return (\n        1\n    )\n') == 4
-    )
-
-
 @EVERY
 def test_length(name):
     """Thin enough to be read at once, copied and changed: at most 100 lines of code."""
-    assert lines_of_code(EXAMPLES[name].read_text()) <= 100
+    assert COUNT(EXAMPLES[name].read_text())["code"] <= 100
 
 
 @EVERY

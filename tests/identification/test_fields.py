@@ -109,19 +109,6 @@ def test_derivatives():
     assert here.slopes[:, 0] == pytest.approx(slope, abs=1e-4 * np.abs(slope).max())
 
 
-def test_motion_of_the_camera():
-    """Rigid motions leave nothing; without a camera that moves they are residuals."""
-    _, field = measured()
-    x = POINTS + np.where(np.isfinite(field.u), field.u, 0.0)
-    moved = np.stack([[0.3, -0.2] + 0.01 * one[:, ::-1] * [-1, 1] for one in x])
-    weighted = moved[np.isfinite(field.u)] / field.sigma
-    left = field.without_nuisances(weighted)
-    assert np.abs(left).max() < 1e-9 * np.abs(weighted).max()
-    still = vmdg.Field(POINTS, LOADS, field.u, sigma=NOISE, camera=False)
-    assert still.nuisances == 0
-    assert still.without_nuisances(weighted) == pytest.approx(weighted)
-
-
 def test_space(comm):
     """Moduli of two blocks in space from images of a camera that turns about all axes, to rounding,
     and with the covariance of a fit whose motions are parameters like all others."""

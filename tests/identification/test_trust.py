@@ -249,28 +249,3 @@ def test_own_parameters():
 
     with pytest.raises(ValueError, match=r"no run changes with bond.frictions. Did you mean"):
         fitted(make, forces(), NEAR | {"bond.frictions": 0.1}, sigma=SIGMA)
-
-
-@pytest.mark.long
-def test_plastic_bodies():
-    """The yield stress of a body at points, which has no derivatives along a run."""
-
-    def make(values):
-        mesh, cells, facets = blocks(COMM, "quadrilateral", (1, 1))
-        body = vmdg.J2(E=1000.0, nu=0.3, yield_stress=values["yield"], hardening=100.0)
-        tie = vmdg.Interface(between=(1, 2), law=vmdg.Bonded())
-        problem = vmdg.Problem(
-            mesh, cells, {1: body, 2: body}, [tie], kinematics="small", volumetric="mean"
-        )
-        problem.dirichlet(facets.find(1), 0.0, "x")
-        problem.dirichlet(facets.find(5), 0.0, "y")
-        problem.dirichlet(facets.find(2), lambda t: t, "x")
-        return problem, lambda problem: {"force [N]": problem.reaction(facets.find(2))[0]}
-
-    loads = np.linspace(0.01, 0.06, 6)
-    problem, monitor = make({"yield": 10.0})
-    y = vmdg.solve(problem, loads, monitor=monitor).history["force"]
-    curve = vmdg.Curve(loads, y, sigma=0.01)
-    found = vmdg.identify(make, curve, {"yield": 14.0}, comm=COMM)
-    assert found.estimate["yield"] == pytest.approx(10.0, rel=1e-4)
-    assert found.differenced == ["yield"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.budgets import over_budget
 from support.scenes import box
 
 import vmdg
@@ -29,32 +28,6 @@ def plate(comm, activate: str, n: int = 12, law: vmdg.Law = LAW) -> vmdg.Problem
 def pulled(problem: vmdg.Problem) -> dict[str, float]:
     force = problem.reaction(lambda x: np.isclose(x[0], 0))[0]
     return {"force": -force, "dofs": problem.space.dofmap.index_map.size_global}
-
-
-def run(comm, activate):
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True)
-    return vmdg.solve(plate(comm, activate), np.linspace(0.001, 0.02, 20), options, pulled)
-
-
-@pytest.mark.long
-def test_same_curve_with_fewer_dofs(comm):
-    """On demand and all at once: the same force within .5% of the peak, half the dofs.
-
-    What opening adds to the energies is counted.
-    """
-    results = [run(comm, activate) for activate in ("all", "on-demand")]
-    assert not over_budget("on demand", results[1])
-    everything, demanded = (result.history for result in results)
-    force = np.interp(everything["load"], demanded["load"], demanded["force"])
-    peak = everything["force"].max()
-    assert everything["force"].argmax() < len(everything) - 1
-    assert np.abs(force - everything["force"]).max() < 0.005 * peak
-    assert demanded["dofs"][0] == 13 * 13
-    assert everything["dofs"][0] == 4 * 12 * 12
-    assert demanded["dofs"][0] < demanded["dofs"][-1] < 0.6 * everything["dofs"][0]
-    work = demanded["external"][-1]
-    assert abs(demanded["discretization"]).max() > 1e-3 * work
-    assert abs(demanded["imbalance"]).max() < 1e-4 * work
 
 
 def test_reactions_balance_in_every_row(comm):

@@ -9,13 +9,13 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx.mesh import compute_midpoints
-from support.apart import block, full_rings, moved, rings
+from support.apart import block, full_rings, moved
 from support.checks import multiply, tangent_matrix
 from support.problems import rotation, set_displacement
 from support.scenes import DIMENSION
 
 import vmdg
-from vmdg import Mode, compat
+from vmdg import compat
 from vmdg.base.parallel import global_sum
 from vmdg.interface.history import PointHistory
 from vmdg.interface.moving import CommittedPoints, tractions_at
@@ -552,24 +552,6 @@ def test_a_large_penalty_does_not_stay(law):
     assert kept == pytest.approx(needed.norm * (100.0 if law.has_bond else 1.0), rel=1e-12)
 
 
-def test_output(tmp_path):
-    """Fields, profile and facet values where facets leave and find partners."""
-    scene = body_and_base("quadrilateral", (5, 3), (28, 3))
-    way, loads = along_x(2), [1.0, 1.05, 1.3]
-    problem, _ = slide(scene, (SOFT, HARD), vmdg.Contact(friction=MU), way, loads)
-    shown = InterfaceFields(problem, 0, ["traction", "gap", "displacement"])
-    with vmdg.FieldWriter(problem, tmp_path / "fields") as writer:
-        writer.write(problem.t)
-    shown.update()
-    values = shown.functions["traction"].x.array.reshape(-1, 2)
-    # Seven or eight facets of the base carry the block, all others nothing.
-    assert 14 <= (np.abs(values[:, 1]) > 1.0).sum() <= 16
-    rows = vmdg.profile(problem, 0, "opening", along="x")
-    assert sum(map(len, rows)) == len(problem.state[0].weights)
-    assert 0.85 < rows[0][0, 0] < 0.95
-    assert vmdg.plot.mode_map(problem, 0) is not None
-
-
 @pytest.mark.parametrize(
     "cell", ["quadrilateral", pytest.param("tetrahedron", marks=pytest.mark.long)]
 )
@@ -638,129 +620,7 @@ def test_a_gap_that_closes_in_one_step(kinematics, sliding, off):
     assert abs(energy.imbalance) < off * energy.external
 
 
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore:only contact constrains")
-def test_belt_on_a_drum():
-    """A drum turns under a belt over a right angle: its tensions are in the ratio e^(mu theta)."""
-    mu, theta, thickness, pull = 0.2, np.pi / 2, 0.02, 5.0
-
-    def arc(cells, radii, angles, tag):
-        part = block("quadrilateral", cells, *zip(angles, radii, strict=True), tag)
-        return moved(part, lambda x: np.stack([x[1] * np.sin(x[0]), x[1] * np.cos(x[0])]))
-
-    scene = apart(
-        [
-            arc((64, 3), (0.7, 1.0), (-0.6, theta + 0.6), 1),
-            arc((48, 1), (1.0, 1.0 + thickness), (0.0, theta), 2),
-        ]
-    )
-    find = scene.facet_tags.find
-    interface = vmdg.Interface(
-        surfaces=(find(12), find(21)), law=vmdg.Contact(friction=mu), sliding=True
-    )
-    belt = vmdg.NeoHookean(E=1e4, nu=0.0)
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: HARD, 2: belt}, [interface], degree=2)
-    problem.dirichlet(
-        find(11), lambda x, t: rotation(2, -np.deg2rad(max(t - 1.0, 0.0))) @ x[:2] - x[:2]
-    )
-    ends = find(20)
-    angle = np.arctan2(*compute_midpoints(scene.mesh, 1, ends)[:, :2].T)
-    held = ends[angle < 1e-6]
-    problem.dirichlet(held, 0.0, "x")
-    problem.traction(ends[angle > theta - 1e-6], lambda t: (0.0, -pull * min(t, 1.0)))
-
-    def monitor(problem):
-        return {"ratio": -problem.reaction(held)[0] / (pull * thickness)}
-
-    loads = [0.5, 1.0, 1.1, 1.5, 2.0, 3.0, 5.0]
-    table = vmdg.solve(problem, loads, monitor=monitor).history
-    # Friction acts at the radius of the drum, the tension at that of the middle of the belt.
-    expected = np.exp(mu * theta / (1 + thickness / 2))
-    assert expected == pytest.approx(np.exp(mu * theta), rel=0.005)
-    assert table["ratio"][table["load"] >= 2.0] == pytest.approx(expected, rel=0.01)
-
-
 # Initial gaps and interference
-
-
-def fitted(order, delta, kinematics, sliding, cells):
-    """Mean pressure of a ring shrunk onto another one, relative to Lame's, and the imbalance."""
-    radii = (0.5, 1.0, 2.0)
-    scene = rings("quadrilateral", cells, radii, order)
-    find, mesh = scene.facet_tags.find, scene.mesh
-    nodes = np.unique(compat.geometry_dofmap(mesh)[scene.cell_tags.find(1)])
-    mesh.geometry.x[nodes] *= 1 + delta
-    interface = vmdg.Interface(
-        surfaces=(find(12), find(21)), law=vmdg.Contact(), sliding=sliding, gap="keep"
-    )
-    E, nu = (1000.0, 3000.0), (0.3, 0.2)
-    bodies = {k + 1: vmdg.NeoHookean(E=E[k], nu=nu[k]) for k in range(2)}
-    problem = vmdg.Problem(
-        mesh, scene.cell_tags, bodies, [interface], degree=order, kinematics=kinematics
-    )
-    for k, axis in enumerate("xy"):
-        problem.dirichlet(lambda x, k=k: np.isclose(x[k], 0.0), 0.0, axis)
-    vmdg.solve(problem, [1.0], TIGHT)
-    inner, outer = (radii[0] * (1 + delta), 1 + delta), radii[1:]
-    plane = [(e / (1 - n**2), n / (1 - n)) for e, n in zip(E, nu, strict=True)]
-    soft = []
-    for (low, high), (e, n), at, sign in zip(
-        (inner, outer), plane, (inner[1], outer[0]), (-1, 1), strict=True
-    ):
-        soft.append(at / e * ((high**2 + low**2) / (high**2 - low**2) + sign * n))
-    state = problem.state[0]
-    away = state.points[:, :2] / np.linalg.norm(state.points[:, :2], axis=1)[:, None]
-    pressure = -(np.einsum("pi,pi->p", state.traction, away) @ state.weights)
-    energy = problem.energy()
-    stored = energy.bulk + energy.interface
-    return pressure / state.weights.sum() / (delta / sum(soft)), energy.imbalance / stored
-
-
-@pytest.mark.parametrize(
-    ("kinematics", "sliding"), [("small", False), ("small", True), ("finite", True)]
-)
-def test_shrink_fit(kinematics, sliding):
-    """The pressure of a given interference is that of Lame."""
-    pressure, imbalance = fitted(2, 1e-3, kinematics, sliding, (24, 32))
-    assert pressure == pytest.approx(1.0, rel=1e-3)
-    assert abs(imbalance) < 1e-3
-
-
-def overlapping(overlap, taper, **options):
-    """Force of two blocks of height 1, all at u_x = 0 on their sides, that overlap; with taper by
-    nothing at x = 0."""
-    cells = (4, 16)
-
-    def lowered(x):
-        depth = overlap * (x[0] if taper else 1.0)
-        return np.stack([x[0], x[1] - depth * (1 - x[1])])
-
-    lower = block("quadrilateral", cells, (0.0, -1.0), (1.0, 0.0), 1)
-    upper = block("quadrilateral", (5, 16), (0.0, 0.0), (1.0, 1.0), 2)
-    scene = apart([lower, moved(upper, lowered)])
-    bodies = dict.fromkeys((1, 2), vmdg.NeoHookean(E=1000.0, nu=0.0))
-    contact = vmdg.Interface(between=(1, 2), law=vmdg.Contact(), **options)
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [contact])
-    for end in (-1.0, 1.0):
-        problem.dirichlet(lambda x, y=end: np.isclose(x[1], y), 0.0)
-    for low, high in ((-1.0, -1e-6), (0.2, 1.0)):
-
-        def sides(x, low=low, high=high):
-            ends = np.isclose(x[0], 0.0) | np.isclose(x[0], 1.0)
-            return ends & (x[1] > low) & (x[1] < high)
-
-        problem.dirichlet(sides, 0.0, "x")
-    vmdg.solve(problem, [1.0])
-    return problem.reaction(lambda x: np.isclose(x[1], -1.0))[1]
-
-
-@pytest.mark.parametrize("options", [{"gap": "keep"}, {"sliding": True}], ids=str)
-def test_overlap_of_many_cells(options):
-    """Overlaps up to five cells deep: the sum of columns that are pressed alone, but for the shear
-    between them, by Simpson's rule. The columns have no stress before they have moved."""
-    half, whole = (overlapping(overlap, False, **options) for overlap in (0.15, 0.3))
-    force = overlapping(0.3, True, **options)
-    assert force == pytest.approx((4 * half + whole) / 6, rel=0.02)
 
 
 def graded(n, fine, total):
@@ -859,38 +719,6 @@ def test_hertz(symmetry, kinematics, sliding):
     inside = x < 0.8 * half
     peak = np.sqrt(np.polyfit(x[inside] ** 2, pressure[inside] ** 2, 1)[1])
     assert peak == pytest.approx(largest, rel=0.01)
-
-
-@pytest.mark.long
-def test_cattaneo_and_mindlin():
-    """A pressed cylinder is pushed aside: it sticks in |x| < c, c/a = sqrt(1 - Q/(mu N))."""
-    scene, sides = ball_on_block(whole=True)
-    find = scene.facet_tags.find
-    interface = vmdg.Interface(
-        surfaces=tuple(sides), law=vmdg.Contact(friction=MU), sliding=True, gap="keep"
-    )
-    steel = vmdg.NeoHookean(E=210e3, nu=0.3)
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: steel, 2: steel}, [interface])
-    problem.dirichlet(find(21), 0.0)
-    problem.dirichlet(find(12), lambda t: (0.15 * max(t - 1.0, 0.0), -0.6 * min(t, 1.0)))
-    found = []
-
-    def monitor(problem):
-        state = problem.state[0]
-        pressure, x, area = pressed(state)
-        loaded, sticks = pressure > 0, state.mode == Mode.ELASTIC
-        push, press = np.abs(problem.reaction(find(12)))
-        touching = 2 * np.sqrt(pressure * area @ x**2 / (pressure @ area))
-        found.append((push / (MU * press), area[loaded & sticks].sum() / 2 / touching))
-        return {}
-
-    result = vmdg.solve(problem, [0.5, 1.0, *np.linspace(1.1, 2.0, 10)], TIGHT, monitor)
-    assert not result.failures
-    share, stuck = np.array(found[2:]).T
-    partial = (share > 0.2) & (share < 0.9)
-    assert partial.sum() > 3
-    # A cell is a twelfth of a.
-    assert np.abs(stuck - np.sqrt(1 - np.minimum(share, 1.0)))[partial].max() < 0.06
 
 
 #: Pressure in a hole at every third degree from 0 to 45, by Alart and Curnier (1991) [MPa].

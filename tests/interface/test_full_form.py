@@ -159,27 +159,3 @@ def test_fine_scales(comm, cell):
 
 
 # Error indicator
-
-
-def indicator_norm(comm, cell, degree, n):
-    """Indicator of a tie through a bent homogeneous block, sqrt(sum of area x square)."""
-    scene = blocks(comm, cell, (n, n))
-    problem = joined(scene, vmdg.Bonded(), (MATERIALS[0],) * 2, degree=degree)
-
-    def bent(X):
-        x, y = X[0] - 1, X[1] - 0.5
-        return np.stack([0.1 * np.sin(2 * x) * y, -0.1 * np.cos(2 * x) * (1 + y) * y])
-
-    for tag in (1, 2, 4, 5):
-        problem.dirichlet(scene.facet_tags.find(tag), lambda X, t: t * bent(X))
-    vmdg.solve(problem, [1.0])
-    area = problem.discretization.active[0].quadrature.area
-    return np.sqrt(comm.allreduce(float(area @ facet_scalar(problem, 0, "fine_scale") ** 2)))
-
-
-@pytest.mark.parametrize(("cell", "degree"), [("quadrilateral", 1), ("triangle", 2)])
-def test_indicator_falls_with_the_error(comm, cell, degree):
-    """Refined twice, the indicator of a smooth solution falls at least with h^(k + .8)."""
-    norms = np.array([indicator_norm(comm, cell, degree, n) for n in (4, 8, 16)])
-    rates = np.log2(norms[:-1] / norms[1:])
-    assert (rates > degree + 0.8).all(), rates

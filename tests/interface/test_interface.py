@@ -140,16 +140,6 @@ def test_points_line_up_on_both_sides(comm, cell, degree):
 # Refusals
 
 
-def test_error_is_raised_on_every_rank(comm):
-    """A facet that only one rank gets wrong stops all ranks, not this one alone."""
-    scene = two_blocks(comm, "triangle", n=4)
-    mine = scene.facet_tags.find(3)
-    if comm.rank == comm.size - 1:
-        mine = np.append(mine, 10**6)
-    with pytest.raises(ValueError, match=r"facet 1000000 does not exist"):
-        joined(scene, vmdg.Bonded(), interface={"between": None, "facets": mine})
-
-
 @pytest.mark.parametrize("cell", CELLS)
 def test_steep_softening_names_a_size_that_works(comm, cell):
     """r <= H is refused with facet, r, H and an element size; just below this size it works."""

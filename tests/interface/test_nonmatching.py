@@ -151,35 +151,6 @@ def test_uniform_strain(cell, degree, kinematics, law):
         assert np.ptp(problem.state[0].traction, axis=0).max() < 1e-8
 
 
-@pairs(
-    cell=CELLS,
-    degree=(1, 2),
-    kinematics=BOTH,
-    law=(vmdg.Contact(friction=0.3), vmdg.Debonding(1.0, 1e-2, friction=0.3)),
-)
-def test_pressed(cell, degree, kinematics, law):
-    """Different blocks pressed together, free to expand laterally without friction of the walls:
-    the pressure is uniform, though the bond has no part in it."""
-    scene = stack(cell, *((3, 4) if DIMENSION[cell] == 2 else (2, 3)))
-    soft = vmdg.NeoHookean(E=1000.0, nu=0.0)
-    hard = vmdg.NeoHookean(E=3000.0, nu=0.0)
-    problem = joined(
-        scene, law, (soft, hard), {"frame": "corotating"}, degree=degree, kinematics=kinematics
-    )
-    d = scene.mesh.geometry.dim
-    last = d - 1
-    problem.dirichlet(scene.facet_tags.find(11), 0.0)
-    problem.dirichlet(scene.facet_tags.find(22), lambda t: -0.3 * t, last)
-    for component in range(last):
-        problem.dirichlet(scene.facet_tags.find(22), 0.0, component)
-    vmdg.solve(problem, [0.5, 1.0], vmdg.SolveOptions(relative_tolerance=1e-13))
-    pressure = problem.state[0].traction
-    expected = -problem.reaction(scene.facet_tags.find(11))[last] / 2.0**last
-    assert expected < -100.0
-    assert np.abs(pressure[:, last] - expected).max() < 1e-11 * abs(expected)
-    assert np.abs(pressure[:, :last]).max() < 1e-10 * abs(expected)
-
-
 def test_several_bodies():
     """A facet that lies opposite two bodies is divided between them."""
     parts = [

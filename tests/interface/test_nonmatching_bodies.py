@@ -11,7 +11,7 @@ import pytest
 from support.apart import block, moved, order_of_dofs, separated, stack
 from support.checks import tangent_error, tangent_matrix
 from support.problems import FRICTION, displace, joined, rotation, through
-from support.scenes import DIMENSION, pairs, two_blocks
+from support.scenes import DIMENSION, two_blocks
 
 import vmdg
 from vmdg import Mode
@@ -103,60 +103,6 @@ def test_equals_the_form_of_meshes_that_match(cell, kind, kinematics, law):
 
 
 # Patch tests
-
-
-@pytest.mark.parametrize(
-    ("cell", "options", "kinematics"),
-    [(*case, BOTH[i % 2]) for i, case in enumerate(PLASTIC)],
-    ids=str,
-)
-def test_uniform_plastic_strain(comm, cell, options, kinematics):
-    """Bonded plastic blocks at 10 % strain, ratio 2:3: displacement and stress are uniform."""
-    scene = stack(cell, *((4, 6) if DIMENSION[cell] == 2 else (2, 3)), (1, 2), comm=comm)
-    for law in (vmdg.Bonded(), vmdg.Debonding(1e5, 1e3)):
-        problem = joined(
-            scene, law, (METAL, METAL), {"frame": "corotating"}, kinematics=kinematics, **options
-        )
-        d = scene.mesh.geometry.dim
-        H = np.array([[0.1, 0.05, 0.02], [0.03, -0.04, -0.05], [0.04, 0.0, 0.03]])[:d, :d]
-        outside = np.concatenate([scene.facet_tags.find(tag) for tag in (10, 11, 20, 22)])
-        problem.dirichlet(outside, lambda x, t, H=H, d=d: t * H @ x[:d])
-        vmdg.solve(problem, [0.2, 0.6, 1.0], vmdg.SolveOptions(relative_tolerance=1e-13))
-        X = problem.space.tabulate_dof_coordinates()[:, :d]
-        error = np.abs(problem.u.x.array.reshape(-1, d) - X @ H.T)
-        assert global_max(comm, error.max(initial=0.0)) < 1e-11 * np.abs(H).max()
-        tractions = np.concatenate(comm.allgather(problem.state[0].traction))
-        assert np.ptp(tractions, axis=0).max() < 1e-9 * np.abs(tractions).max()
-        assert flow(problem) > 0.03
-
-
-@pairs(cell=("quadrilateral", "hexahedron"), sliding=(False, True), kinematics=BOTH)
-def test_pressed_between_smooth_plates(comm, cell, sliding, kinematics):
-    """Two nearly incompressible blocks with 2:3 cells and other stiffness on each other, without
-    friction: each is in uniaxial stress, and grows sideways as if it were alone."""
-    scene = stack(cell, 2, 3, comm=comm)
-    soft, hard = RUBBER, vmdg.NeoHookean(E=3 * E, nu=0.4999)
-    problem = joined(
-        scene,
-        vmdg.Contact(),
-        (soft, hard),
-        {"frame": "corotating", "sliding": sliding},
-        kinematics=kinematics,
-        **MEAN,
-    )
-    last = DIMENSION[cell] - 1
-    problem.dirichlet(scene.facet_tags.find(11), 0.0, last)
-    problem.dirichlet(scene.facet_tags.find(22), lambda t: -0.02 * t, last)
-    for k in range(last):
-        problem.dirichlet(lambda x, k=k: np.isclose(x[k], 0.0), 0.0, k)
-    vmdg.solve(problem, [0.5, 1.0], TIGHT)
-    # At small strain the sum of the compressions, in plane strain with E/(1 - nu^2).
-    plane = 1 - 0.4999**2 if last == 1 else 1.0
-    expected = -0.02 / (plane / E + plane / (3 * E))
-    area = 2.0**last
-    force = problem.reaction(scene.facet_tags.find(22))[last]
-    within = 1e-9 if kinematics == "small" and not sliding else 0.05
-    assert force / area == pytest.approx(expected, rel=within)
 
 
 # Sliding

@@ -35,7 +35,6 @@ CASES = pytest.mark.parametrize(
         ("hexahedron", 1, "small"),
     ],
 )
-KINEMATICS = pytest.mark.parametrize("kinematics", ["small", "finite"])
 
 
 #: Large bodies: differences of residuals reach across few switches of points [mm].
@@ -83,32 +82,6 @@ def test_tangent_and_balance(cell, degree, kinematics):
         assert np.abs(forces.sum(axis=0)).max() < 1e-13 * size
         moments = np.einsum("ni,nj->ij", x, forces)
         assert np.abs(moments - moments.T).max() < 1e-13 * size
-
-
-@KINEMATICS
-@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
-def test_pressed_in_a_fluid(cell, kinematics):
-    """Blocks in a vessel: the contact carries what the fluid between them does not."""
-    scene = stack(cell, *((3, 4) if DIMENSION[cell] == 2 else (1, 2)), (1, 1))
-    given = {"frame": "corotating", "name": "crack"}
-    problem = joined(
-        scene, vmdg.Contact(friction=0.3), SAME, given, kinematics=kinematics, degree=2
-    )
-    d = scene.mesh.geometry.dim
-    last = d - 1
-    for k in range(last):
-        problem.dirichlet(lambda x, k=k: np.isclose(x[k], 0.0), 0.0, k)
-        problem.pressure(lambda x, k=k: np.isclose(x[k], 2.0), lambda t: 60.0 * t)
-    problem.dirichlet(scene.facet_tags.find(11), 0.0, last)
-    problem.pressure(scene.facet_tags.find(22), lambda t: 60.0 * t)
-    problem.spring(scene.facet_tags.find(22), (1e-5, 0.0))
-    problem.pressure("crack", lambda t: 45.0 * t)
-    vmdg.solve(problem, [0.5, 1.0], PRECISE)
-    area = 1.0
-    if kinematics == "finite":
-        u = problem.u.x.array.reshape(-1, d)
-        area = (1 - np.ptp(u[:, 0]) / 2.0) ** last
-    assert problem.state[0].traction[:, last] == pytest.approx(-15.0 * area, rel=1e-7)
 
 
 def fluid_ring(comm, cells, cell):

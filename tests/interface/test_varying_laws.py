@@ -152,17 +152,6 @@ def test_random_strengths_on_any_ranks(comm):
         np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-10 * scale)
 
 
-def test_another_seed_is_another_problem(comm, out):
-    """As the checkpoint of the state of random strengths says."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    one, other = (
-        pulled(scene, [vmdg.Interface(between=(1, 2), law=scattered(seed))]) for seed in (3, 4)
-    )
-    vmdg.write_checkpoint(one, out / "random")
-    with pytest.raises(ValueError, match="strength by facet"):
-        vmdg.read_checkpoint(other, out / "random")
-
-
 def test_weibull():
     """Mean, deviation and distribution of 20,000 places; other seeds are other samples."""
     places = np.stack(np.meshgrid(np.arange(200) / 64, np.arange(100) / 1000, [0.0])).reshape(3, -1)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.checks import gather
-from support.problems import driven, partly_damaged, through
+from support.problems import driven, partly_damaged
 
 import vmdg
 from vmdg.base.parallel import global_sum
@@ -60,15 +59,3 @@ def test_laws_of_ones_own_and_steps_of_a_jump(comm, overstress):
         by_differences, by_laws = by_displacement(problem)
         assert abs(by_laws) > 0
         assert by_laws == pytest.approx(by_differences, rel=1e-5)
-
-
-def test_nothing_before_and_where_nothing_yields(comm):
-    """Zero at the start, where zeta is held, and along a path that unloads."""
-    law = vmdg.Debonding(100.0, 0.2)
-    problem, _ = driven(comm, "quadrilateral", law, lambda t: ((0.15 * t, 0.0), 0.0))
-    active = problem.discretization.active[0]
-    assert not active.work_gradient(1.0).any()
-    vmdg.solve(problem, [1.0])
-    assert gather(comm, active.work_gradient(1.0)).any()
-    through(problem, lambda: problem.u.x.array.__imul__(0.9))
-    assert not active.work_gradient(1.0).any()

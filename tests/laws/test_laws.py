@@ -359,33 +359,6 @@ def test_a_trial_that_is_no_number_stays_one_in_silence(make, nu, worn):
     assert np.isfinite(update.gap[1] + update.traction[1]).all()
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        Debonding(1e-300, 0.2, 0.5),
-        ExponentialDebonding(1e-100, 0.2, 0.5),
-        MixedModeDebonding(1e-60, 1e-60, 1e-61, 1e-61, 0.5),
-    ],
-    ids=lambda law: type(law).__name__,
-)
-def test_vanishing_strength_is_contact_alone(law):
-    trial = np.array([[10.0, 5.0], [-10.0, 3.0], [-10.0, 30.0], [0.0, 0.0], [0.0, 4.0]])
-    normal = np.tile([1.0, 0.0], (5, 1))
-    with np.errstate(all="raise"):
-        update = law.return_map(trial, normal, np.zeros((5, 2)), np.zeros(5), 100.0)
-    expected = [[0.0, 0.0], [-10.0, 3.0], [-10.0, 5.0], [0.0, 0.0], [0.0, 0.0]]
-    np.testing.assert_allclose(update.traction, expected, atol=1e-11)
-
-
-@EVERY_LAW
-def test_no_points(make):
-    none = np.zeros((0, 3))
-    update = make().return_map(none, none, none, np.zeros(0), np.zeros(0))
-    assert update.traction.shape == update.gap.shape == (0, 3)
-    assert update.tangent.shape == (0, 3, 3)
-    assert update.mode.shape == update.softening.shape == (0,)
-
-
 @EVERY_LAW
 def test_inputs_are_left_alone_and_not_shared(make):
     law = make(0.3)
@@ -527,29 +500,5 @@ def test_contact_is_what_is_left_of_a_bond(d, seed, mu):
     assert not update.softening.any()
 
 
-def test_contact_has_no_strength():
-    law = Contact(0.3)
-    assert law.inelastic
-    assert Contact().symmetric
-    assert not law.symmetric
-    assert law.admissible(1e-30)
-    assert np.isinf(law.utilization(np.zeros(2), np.zeros(2))).all()
-    with pytest.raises(ValueError, match=r"friction = -1\.0: must be zero or positive"):
-        Contact(-1.0)
-
-
 def test_docstring_example():
     assert doctest.testmod(vmdg.laws).failed == 0
-
-
-def test_cycles_of_constant_amplitude():
-    """The picture of the guide: 10 MPa and .05 mm between .005 and .02 mm keep 6, 3 and 0 MPa."""
-    law, normal, r = vmdg.Debonding(strength=10.0, critical_gap=0.05), np.array([[1.0, 0.0]]), 1e6
-    gap, softening, left = np.zeros((1, 2)), np.zeros(1), []
-    for g in [0.02, 0.005] * 4:
-        update = law.return_map(r * (g * normal - gap), normal, gap, softening, r)
-        gap, softening = update.gap, update.softening
-        left.append(law.strength - softening[0])
-        assert (update.traction[0, 0] > 1) == (g == 0.02 and left[-1] > 1)
-    assert left[::2] == pytest.approx([6.0, 3.0, 0.0, 0.0], abs=0.01)
-    assert left[1::2] == left[::2]

@@ -211,16 +211,6 @@ def test_friction_takes_what_the_worn_bond_leaves():
         assert update.traction[0, 0] == -30.0
 
 
-def test_tangent_is_symmetric_where_it_says_so():
-    law = FatigueDebonding(50.0, 50.0, 0.5, 0.5, shear_factor=1.0)
-    state, cycles = state_of(law, 3, 3, 2.0, 400)
-    update = law.return_map(*state, 1.0, cycles)
-    skew = np.abs(update.tangent - np.swapaxes(update.tangent, 1, 2)).max()
-    assert law.symmetric
-    assert skew <= 1e-12 * np.abs(update.tangent).max()
-    assert not FatigueDebonding(50.0, 50.0, 0.5, 0.5).symmetric
-
-
 def test_wrong_parameters_are_refused():
     for name, value, words in (
         ("endurance", 1.0, r"must be in \(0, 1\); a fraction of the strength"),

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support import laws_scalar as oracle
 from support.points import follow, total
 
 from vmdg.laws import (
@@ -133,21 +132,6 @@ def test_work_is_stored_or_dissipated(make, pressure):
         assert missing[1] <= max(0.62 * missing[0], 4e-5)
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
-def test_dissipation_is_of_second_order(criterion):
-    """Where the gap turns while the bond parts, the balance closes with the square of the step."""
-    law, missing = mixed(criterion), []
-    for steps in (80, 160):
-        s = np.linspace(0.0, 1.0, steps + 1)
-        updates = led(law, 1e-3 * np.stack([7 + 3 * s, 12 * s**2], axis=1))
-        gap, traction = (array[1:] for array in histories(updates))
-        work = 0.5 * ((traction[1:] + traction[:-1]) * np.diff(gap, axis=0)).sum()
-        ends = (law.stored_energy(u.gap, NORMAL, u.softening)[0] for u in updates[::steps])
-        first, last = ends
-        missing.append(work - total(updates[1:]) - (last - first))
-    assert abs(missing[0] / missing[1]) == pytest.approx(4, rel=0.2)
-
-
 # --- friction of the parted share -----------------------------------------------------------------
 
 
@@ -255,19 +239,6 @@ def test_trapezoid(unloading, steps):
     updates = led(law, np.linspace(0.0, 0.05, steps + 1)[1:, None] * [[0.6, 0.8]])
     assert total(updates) == pytest.approx(P_N * 0.012, rel=1e-12)
     assert updates[-1].mode[0] == Mode.OPEN
-
-
-def test_trapezoid_without_plateau_is_the_triangle():
-    one, other = TrapezoidalDebonding(P_N, 0.0, 0.02, MU), Debonding(P_N, 0.02, MU)
-    state = oracle.random_state(np.random.default_rng(4), other, 300, 2, 2.0)
-    update, expected = one.return_map(*state), other.return_map(*state)
-    for name in ("traction", "gap", "softening", "damage_work", "friction_work", "tangent"):
-        np.testing.assert_allclose(
-            getattr(update, name), getattr(expected, name), rtol=1e-9, atol=1e-12, err_msg=name
-        )
-    for gap, words in ((0.02, "must be less than critical_gap"), (-1.0, "use 0 for no plateau")):
-        with pytest.raises(ValueError, match=words):
-            TrapezoidalDebonding(P_N, gap, 0.02)
 
 
 def test_law_of_ones_own_has_it_by_its_curve():

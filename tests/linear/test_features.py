@@ -35,13 +35,6 @@ def test_tied_at_finite_strain(comm):
     assert found == expected
 
 
-def test_tied_at_small_strain(comm):
-    """Nothing to iterate on is left at the interface, and tau_s is constant."""
-    found = on(joined(two_blocks(comm, "quadrilateral"), vmdg.Bonded(), kinematics="small"))
-    assert not found["damage tangent"]
-    assert not found["tau_s every step"]
-
-
 def test_friction_at_finite_strain(comm):
     """Friction asks for history and an unsymmetric solver, the default frame turns."""
     scene = two_blocks(comm, "quadrilateral")

@@ -98,21 +98,3 @@ def test_small_strain_is_the_limit_of_finite_strain(kind):
         assert small.state[0, 0] > 0
         errors.append(np.abs(small.stress - finite.stress).max() / (E * size))
     assert errors[1] < 0.2 * errors[0] < 1e-2
-
-
-@EVERY
-def test_points_do_not_know_each_other(name, small):
-    """All points at once, or one at a time: the same to rounding."""
-    rng = np.random.default_rng(3)
-    material = MATERIALS[name]
-    state = material.start(40)
-    for size in (0.01, 0.02):
-        H = rng.normal(size=(40, 3, 3)) * size
-        F = (H + H.transpose(0, 2, 1)) / 2 if small else np.eye(3) + H
-        found = material(F, state, DT, small)
-        single = [material(F[i : i + 1], state[i : i + 1], DT, small) for i in range(40)]
-        for name_, values in found._asdict().items():
-            alone = np.concatenate([getattr(one, name_) for one in single])
-            assert values == pytest.approx(alone, rel=1e-12, abs=1e-12 * np.abs(alone).max())
-        state = found.state
-    assert (state[:, 0] > 0).any()

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from support.cells import mismatch, volumes
 
-from vmdg import compat
 from vmdg.meshes import fibre_cell, pack
 from vmdg.meshes.packing import UNIT_BALL, cut_balls
 
@@ -90,16 +89,6 @@ def test_cells(comm, name):
         assert bodies["coating"] / whole == pytest.approx(expected, rel=0.03)
     if given.get("shape") != "cylinder":
         assert whole == pytest.approx(size**dim)
-
-
-def test_not_periodic(comm):
-    """No fibre is cut: all their matrix-side is inside."""
-    tagged = fibre_cell(9, 0.5, 2, periodic=False, comm=comm)
-    x = tagged.mesh.geometry.x
-    fibre = compat.geometry_dofmap(tagged.mesh)[tagged.cell_tags.find("fibre")]
-    inside = x[fibre.ravel(), :2]
-    assert ((inside > 0.005) & (inside < 0.995)).all()
-    assert volumes(tagged)["fibre"] == pytest.approx(0.5, rel=0.02)
 
 
 def test_wrong_cells():

@@ -7,8 +7,6 @@ from pathlib import Path
 import gmsh
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem
 from dolfinx.mesh import CellType, create_unit_cube, meshtags
 from support.problems import joined
 
@@ -140,20 +138,6 @@ WRONG_CELLS = {
 }
 
 
-def test_tilted_model_mapped(comm):
-    """A model in a tilted plane keeps its area, to rounding; a 3D one has no plane."""
-    with gmsh_model.model("tilted") as model:
-        if comm.rank == 0:
-            tilted(model)
-            model.mesh.generate(2)
-        plane = ((2, 0, 0), (1, 0.5, np.sqrt(0.75)))
-        with pytest.raises(ValueError, match=r"plane=\(\(1, 0, 0\), \(2, 0, 0\)\) is not a plane"):
-            gmsh_model.distribute(model, comm, 2, plane=((1, 0, 0), (2, 0, 0)))
-        mesh, _, _ = gmsh_model.distribute(model, comm, 2, plane=plane)
-    area = fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * ufl.dx))
-    assert comm.allreduce(area) == pytest.approx(1.0, rel=1e-13)
-
-
 @pytest.mark.parametrize("kind", ["model", "file"])
 @pytest.mark.parametrize("build", WRONG_CELLS, ids=lambda build: build.__name__)
 def test_wrong_cells(comm, folder, build, kind):
@@ -182,88 +166,3 @@ def test_prisms_of_dolfinx(comm):
     tags = meshtags(mesh, 3, cells, np.ones_like(cells))
     with pytest.raises(ValueError, match="cells of type prism are not supported; use one of"):
         vmdg.Problem(mesh, tags, {1: vmdg.NeoHookean(E=1.0, nu=0.3)}, [])
-
-
-#: Two grains of two triangles, as Neper 4 writes them: three tags an element, sections of its own,
-#: names without quotes and behind the elements.
-NEPER = """$MeshFormat
-2.2 0 8
-$EndMeshFormat
-$MeshVersion
-2.2.3
-$EndMeshVersion
-$Nodes
-6
-1 0.000000000000 0.000000000000 0.000000000000
-2 0.500000000000 0.000000000000 0.000000000000
-3 1.000000000000 0.000000000000 0.000000000000
-4 0.000000000000 1.000000000000 0.000000000000
-5 0.500000000000 1.000000000000 0.000000000000
-6 1.000000000000 1.000000000000 0.000000000000
-$EndNodes
-$Elements
-8
-1 15 3 1 1 0 1
-2 1 3 3 3 0 1 4
-3 1 3 4 4 0 3 6
-4 1 3 7 7 0 2 5
-5 2 3 1 1 0 1 2 5
-6 2 3 1 1 0 1 5 4
-7 2 3 2 2 0 2 3 6
-8 2 3 2 2 0 2 6 5
-$EndElements
-$Periodicity
-1
-3 1 1 0 0
-$EndPeriodicity
-$NSets
-1
-x0
-2
-1
-4
-$EndNSets
-$Fasets
-1
-x0
-1
-6 4 1
-$EndFasets
-$PhysicalNames
-6
-0 1 ver1
-1 3 edge3
-1 4 edge4
-1 7 edge7
-2 1 face1
-2 2 face2
-$EndPhysicalNames
-$ElsetOrientations
-2 rodrigues
-1 0.1 0.2 0.3
-2 -0.2 0.0 0.1
-$EndElsetOrientations
-$Groups
-elset
-2
-1 1
-2 1
-$EndGroups
-"""
-
-
-def test_file_of_neper(comm, folder):
-    """Grains and the edges between them are groups with their names, and can part."""
-    path = folder / "neper.msh"
-    if comm.rank == 0:
-        path.write_text(NEPER)
-    comm.barrier()
-    mesh, cells, facets = read_mesh(path, comm)
-    assert cells.names == {"face1": 1, "face2": 2}
-    assert facets.names == {"edge3": 3, "edge4": 4, "edge7": 7}
-    grain = vmdg.NeoHookean(E=1.0, nu=0.3)
-    bond = vmdg.Interface(between="all", law=LAW)
-    problem = vmdg.Problem(mesh, cells, {"face1": grain, "face2": grain}, [bond])
-    assert comm.allreduce(problem.state[0].weights.sum()) == pytest.approx(1.0)
-    x = np.concatenate(comm.allgather(problem.state[0].points))
-    assert x[:, 0] == pytest.approx(0.5)

@@ -75,18 +75,6 @@ def test_pieces_belong_to_the_nearest_seed(dim):
         assert power.argmin() == grain
 
 
-def test_grains_follow_the_spread(comm):
-    """Volumes of the grains of a spread size follow those of the packed discs."""
-    count, spread = 20, 0.35
-    tagged = polycrystal(count, 3, spread=spread, comm=comm)
-    areas = list(volumes(tagged).values())
-    _, radii = pack(count, 0.6, 3, True, 1.0, 2, 0.0, spread)
-    assert np.corrcoef(areas, radii**2)[0, 1] > 0.9
-    even = polycrystal(count, 3, comm=comm)
-    same = list(volumes(even).values())
-    assert np.std(same) < 0.6 * np.std(areas)
-
-
 def test_wrong_grains():
     """Errors say what is wrong."""
     with pytest.raises(ValueError, match="dim = 1 must be 2 or 3"):

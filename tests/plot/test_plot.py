@@ -154,26 +154,6 @@ def test_mode_map_in_3d(comm):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("y [mm]", "z [mm]")
 
 
-def area_of(ax) -> float:
-    boxes = [path.get_extents() for path in ax.collections[0].get_paths()]
-    return sum(box.width * box.height for box in boxes)
-
-
-def test_mode_map_of_a_plane(comm):
-    """It is filled whatever axis is asked for: a plane has none to be unrolled about."""
-    flat = bonded(comm, "hexahedron")
-    for axis in (None, "x", "y", "z"):
-        ax = plot.mode_map(flat, 0, "damage", axis=axis)
-        assert (ax.get_xlabel(), ax.get_ylabel()) == ("y [mm]", "z [mm]")
-        assert area_of(ax) == pytest.approx(1.0)
-    for axis in (None, "x", "y"):
-        ax = plot.mode_map(bonded(comm), 0, axis=axis)
-        assert (ax.get_xlabel(), ax.get_ylabel()) == ("interface", "y [mm]")
-        assert area_of(ax) == pytest.approx(1.0)
-    with pytest.raises(ValueError, match="axis = 'z' must be one of x, y, or None"):
-        plot.mode_map(bonded(comm), 0, axis="z")
-
-
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 def test_points_of_interfaces(comm, cell):
     """All points of all interfaces on rank 0, coloured by what they have; few where it is asked."""
@@ -229,6 +209,8 @@ def test_stress_of_bodies(comm):
             assert np.unique(drawn.round(8)) == pytest.approx(np.unique(np.round(values, 8)))
             if name != "zz":  # which is equal in both bodies
                 assert ax.collections[0].get_clim() == pytest.approx((min(values), max(values)))
+    with pytest.raises(ValueError, match="component = 'rr' must be 'mises', 'principal' or two of"):
+        plot.stress(problem, "rr")
 
 
 def test_nodal_means(comm):
@@ -244,68 +226,6 @@ def test_nodal_means(comm):
     means = nodal_means(problem, middle[..., 1].copy())
     inner = (x[..., 1] > 0.1) & (x[..., 1] < 0.9)
     assert means[inner] == pytest.approx(x[..., 1][inner])
-
-
-@pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
-def test_stress_picture(comm, out, cell):
-    """Plane and solid bodies, to a file."""
-    problem = bonded(comm, cell, n=1)
-    with_opening(problem, lambda x: 0.01 * x[: problem.mesh.geometry.dim])
-    ax = plot.stress(problem, "xx", magnify=3, limits=(0, 50))
-    if comm.rank == 0:
-        assert ax.collections[0].get_clim() == (0, 50)
-        ax.figure.savefig(out / "stress.png", dpi=40)
-        assert (out / "stress.png").stat().st_size > 1000
-    with pytest.raises(ValueError, match="component = 'rr' must be 'mises', 'principal' or two of"):
-        plot.stress(problem, "rr")
-
-
-def bar_of(ax):
-    """The axes of the scale of colours, after the picture is laid out."""
-    ax.figure.canvas.draw()
-    return ax.collections[0].colorbar.ax
-
-
-@pytest.mark.parametrize("height", [3.0, 1.0, 0.1])
-@pytest.mark.parametrize("layout", ["constrained", "none"])
-def test_bar_fits_a_plane_body(comm, height, layout):
-    """As high as the axes and beside them; above those of a flat body, and as wide."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    scene.mesh.geometry.x[:, 1] *= height
-    problem = couple(scene, LAW, (SOFT, STIFF))
-    with_opening(problem, lambda x: 0.01 * x[:2])
-    figure, ax = plt.subplots(layout=layout)
-    ax.set_title("title")
-    plot.stress(problem, "xx", ax=ax)
-    if comm.rank:
-        return
-    bar, body = bar_of(ax).get_window_extent(), ax.get_window_extent()
-    whole = ax.collections[0].colorbar.ax.get_tightbbox()
-    inch = figure.dpi
-    if height < 0.4:
-        assert (bar.x0, bar.x1) == pytest.approx((body.x0, body.x1))
-        assert body.y1 < bar.y0 < bar.y1 < body.y1 + 0.3 * inch
-        assert whole.y1 <= ax.title.get_window_extent().y0
-    else:
-        assert (bar.y0, bar.y1) == pytest.approx((body.y0, body.y1))
-        assert body.x1 < bar.x0 < bar.x1 < body.x1 + 0.3 * inch
-    assert layout == "none" or (whole.x1 <= figure.bbox.x1 and whole.y1 <= figure.bbox.y1)
-
-
-@pytest.mark.parametrize("height", [1.0, 0.1])
-def test_bar_leaves_the_axes_of_a_solid(comm, height):
-    """It covers no axis with its numbers, and is shorter beside a flat one."""
-    scene = two_blocks(comm, "hexahedron", 2)
-    scene.mesh.geometry.x[:, 2] *= height
-    problem = couple(scene, LAW, (SOFT, STIFF))
-    ax = plot.stress(with_opening(problem, lambda x: 0.01 * x), "xx")
-    if comm.rank:
-        return
-    whole = bar_of(ax).get_tightbbox()
-    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
-        assert not whole.overlaps(axis.get_tightbbox())
-    share = bar_of(ax).get_window_extent().height / ax.get_window_extent().height
-    assert share < (0.65 if height == 1 else 0.35)
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])

@@ -73,19 +73,6 @@ RATED = {
 }
 
 
-@pytest.mark.parametrize(("name", "strengths"), [("linear", 0.1), ("mixed", 1000.0)])
-def test_rates_balance_in_a_bar(comm, name, strengths):
-    """An overstress of so many strengths at 1 mm/s, any number of steps: rounding of 5e-6.
-
-    The mean traction of a step missed 3% with 12 steps. A curve is integrated by trapezoids.
-    """
-    for steps in (5, 12):
-        history = pull(comm, steps=steps, law=RATED[name](strengths * P_C))[0]
-        assert np.abs(history["imbalance"]).max() < 5e-6 * history["external"][-1]
-        assert history["viscosity"][-1] > 4e-3 * history["external"][-1]
-        assert (np.diff(history["viscosity"]) >= 0).all()
-
-
 @pytest.mark.parametrize(
     ("name", "kinematics"),
     [
@@ -121,18 +108,6 @@ def test_rates_balance_as_other_bonds_do(comm, name, kinematics):
     for strengths in (0.1, 1.0, 20.0):
         error = abs(missed(strengths * P_C, 12))
         assert error < 1.5 * without or abs(missed(strengths * P_C, 24)) < 0.4 * error
-
-
-def test_external_work_of_prescribed_displacements(comm):
-    """Onset of damage and separation lie inside of long steps, and the work knows where.
-
-    The mean of the forces at both ends misses 4% of it in 8 steps.
-    """
-    coarse, fine = (pull(comm, steps=n)[0] for n in (8, 80))
-    work = P_C * ZETA_C / 2
-    assert fine["external"][-1] == pytest.approx(work, rel=1e-5)
-    assert coarse["external"][-1] == pytest.approx(work, rel=1e-4)
-    assert abs(coarse["imbalance"][-1]) < 1e-4 * work
 
 
 @pytest.mark.parametrize(

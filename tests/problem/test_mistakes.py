@@ -15,7 +15,6 @@ from dolfinx.mesh import CellType, create_mesh, create_rectangle, create_unit_sq
 
 import vmdg
 from vmdg import plot
-from vmdg.base.parallel import global_sum
 from vmdg.checks.model import check_model
 from vmdg.meshes import TaggedMesh, blocks, distribute, model, read_mesh, write_mesh
 
@@ -61,46 +60,32 @@ def look(problem: vmdg.Problem) -> None:
 
 # Units
 
-WRONG_UNITS = {
-    "E in Pa, strength in MPa": (
+WRONG_UNITS = [
+    (
         2.0,
         vmdg.NeoHookean(E=70e9, nu=0.25),
         BOND,
         "strength 100 is less than 1e-08 of the adjacent elastic moduli.* in the same unit",
     ),
-    "mesh in m, critical gap in mm": (
-        0.002,
-        STEEL,
-        BOND,
-        r"critical gap is about 0.2, the mesh 0.002 wide: .* in the same unit",
-    ),
-    "strength and critical gap exchanged": (
+    (0.002, STEEL, BOND, r"critical gap is about 0.2, the mesh 0.002 wide: .* in the same unit"),
+    (
         2.0,
         STEEL,
         vmdg.Debonding(strength=0.2, critical_gap=100.0),
         "critical gap is about 100, the mesh 2 wide: .* the strength before the critical gap",
     ),
-    "friction in degrees": (
+    (
         2.0,
         STEEL,
         vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=30.0),
         "friction = 30 is Coulomb's coefficient mu, .* neither in degrees nor in percent",
     ),
-}
+]
 
 
-def test_whole_numbers(comm):
-    """A strength without a decimal point is a strength."""
-    tagged = scene(comm, 2.0)
-    law = vmdg.Debonding(strength=100, critical_gap=1, friction=0)
-    look(held(tagged, bonded(tagged, law, STEEL), "left", "right"))
-    assert law == vmdg.Debonding(100.0, 1.0, 0.0)
-
-
-@pytest.mark.parametrize("mistake", WRONG_UNITS)
-def test_units(comm, mistake):
+@pytest.mark.parametrize(("size", "material", "law", "message"), WRONG_UNITS)
+def test_units(comm, size, material, law, message):
     """Numbers out of all proportion are warned of."""
-    size, material, law, message = WRONG_UNITS[mistake]
     tagged = scene(comm, size)
     problem = held(tagged, bonded(tagged, law, material), "left", "right")
     with warned(comm, message):
@@ -167,13 +152,6 @@ def test_softening_too_steep_by_far(comm, E, critical_gap):
         look(held(tagged, bonded(tagged, law, material), "left", "right"))
 
 
-def test_a_bond_that_never_breaks_is_no_mistake(comm):
-    """Strength and critical gap both beyond all measure are meant so: no warning."""
-    tagged = scene(comm)
-    law = vmdg.Debonding(strength=1e9, critical_gap=1e6)
-    look(held(tagged, bonded(tagged, law), "left", "right"))
-
-
 # Supports and loads
 
 
@@ -235,12 +213,6 @@ def test_only_a_bond_bears_a_load(comm):
             else nullcontext()
         ):
             look(problem)
-
-
-def test_fibre_in_a_matrix_is_no_mistake(comm):
-    """A body without supports and loads that a bond holds is the usual case: no warning."""
-    tagged = scene(comm)
-    look(held(tagged, bonded(tagged), "left"))
 
 
 def test_two_values_at_a_node(comm):
@@ -311,352 +283,291 @@ def tie(**options) -> vmdg.Interface:
     return vmdg.Interface(**({"law": vmdg.Bonded()} | options))
 
 
-#: By what is wrong: how it comes about, and what the ValueError says.
-WRONG_VALUES = {
-    "nothing selected": (
+#: How a mistake comes about, and what the ValueError says.
+WRONG_VALUES = [
+    (
         lambda s: tie(),
         r"exactly one of facets=, surfaces=.*, between=.*, within=tag, level_set=phi; given: none",
     ),
-    "selected twice": (
-        lambda s: tie(between=(1, 2), within=1),
-        r"exactly one of .*; given: between, within",
-    ),
-    "one tag between": (
-        lambda s: tie(between=(1, 1)),
-        r"between = \(1, 1\) must be two different tags.*within=tag",
-    ),
-    "safety": (lambda s: tie(within=1, safety=0.0), "safety = 0.0 must be positive"),
-    "safety by name": (
-        lambda s: tie(within=1, safety="high"),
-        r"safety = 'high' must be positive, or \"auto\"",
-    ),
-    "norm": (lambda s: tie(within=1, norm="max"), "norm = 'max' must be one of"),
-    "frame": (lambda s: tie(within=1, frame="moving"), "frame = 'moving' must be one of"),
-    "a tie on demand": (lambda s: tie(within=1, activate="on-demand"), "a tie never fails"),
-    "opened later": (lambda s: tie(within=1, law=BOND, activate="later"), "activate"),
-    "opened at no share": (
-        lambda s: tie(within=1, law=BOND, activate="on-demand", activate_at=1.5),
-        "activate_at",
-    ),
-    "a complex load": (lambda s: prescribe(s, lambda t: 1j * t), "it is complex"),
-    "a complex strength": (
+    (lambda s: tie(between=(1, 2), within=1), r"exactly one of .*; given: between, within"),
+    (lambda s: tie(between=(1, 1)), r"between = \(1, 1\) must be two different tags.*within=tag"),
+    (lambda s: tie(within=1, safety=0.0), "safety = 0.0 must be positive"),
+    (lambda s: tie(within=1, safety="high"), r"safety = 'high' must be positive, or \"auto\""),
+    (lambda s: tie(within=1, norm="max"), "norm = 'max' must be one of"),
+    (lambda s: tie(within=1, frame="moving"), "frame = 'moving' must be one of"),
+    (lambda s: tie(within=1, activate="on-demand"), "a tie never fails"),
+    (lambda s: tie(within=1, law=BOND, activate="later"), "activate"),
+    (lambda s: tie(within=1, law=BOND, activate="on-demand", activate_at=1.5), "activate_at"),
+    (lambda s: prescribe(s, lambda t: 1j * t), "it is complex"),
+    (
         lambda s: make(s, interfaces=[tie(between=(1, 2), law=vmdg.Debonding(lambda x: 1j, 1.0))]),
         "strength of the law must be one finite number .* it is complex",
     ),
-    "P_c of 0": (
+    (
         lambda s: vmdg.Debonding(strength=0.0, critical_gap=0.2),
         r"strength = 0.0: must be positive .* use Bonded\(\)",
     ),
-    "nu of 0.5": (
+    (
         lambda s: vmdg.NeoHookean(E=1.0, nu=0.5),
         r"nu = 0.5 must lie in \(-1, 0.5\); .* take for example nu = 0.4998",
     ),
-    "dirichlet on an interface": (
+    (
         lambda s: held(s, bonded(s), "interface"),
         r"facet \d+ at \[1.0, .*lies on an interface, .* prescribe boundary facets",
     ),
-    "traction on an interface": (
+    (
         lambda s: bonded(s).traction(s.facet_tags.find("interface"), [1.0, 0.0]),
         r"facet \d+ at \[1.0, .*lies inside the mesh .* give boundary facets",
     ),
-    "misspelt group": (
+    (
         lambda s: s.facet_tags.find("Botom"),
         r"no group is called 'Botom'; the mesh has 'left' \(1\), .*Did you mean 'bottom'\?",
     ),
-    "group of another mesh": (
+    (
         lambda s: bond(s, between=("fibre", "matrix")),
         r"no group is called 'fibre'; the mesh has 'left' \(1\), 'right' \(2\)$",
     ),
-    "misspelt material": (
+    (
         lambda s: make(s, materials={"left": STEEL, "rigth": STEEL}),
         "materials: no group is called 'rigth'.*Did you mean 'right'",
     ),
-    "material missing": (
+    (
         lambda s: make(s, materials={1: STEEL}),
         r"no material for cell tag 2: materials has \[1\], the mesh has \[1, 2\]",
     ),
-    "material of no cell": (
+    (
         lambda s: make(s, materials={tag: STEEL for tag in (1, 2, 3)}),
         r"materials names cell tag 3, but the mesh has only \[1, 2\]",
     ),
-    "material by tag and by name": (
+    (
         lambda s: make(s, materials={1: STEEL, "left": STEEL, 2: STEEL}),
         "'left' is tag 1, which has a value already",
     ),
-    "tags of facets": (
-        lambda s: make(s, cell_tags=s.facet_tags),
-        "dimension 1, .*tags of facets given",
-    ),
-    "tags of another mesh": (
-        lambda s: make(s, cell_tags=scene(s.mesh.comm).cell_tags),
-        "belong to another mesh; give",
-    ),
-    "degree 0": (lambda s: make(s, degree=0), "degree = 0 must be an integer, at least 1"),
-    "degree 1.5": (lambda s: make(s, degree=1.5), "degree = 1.5 must be an integer"),
-    "kinematics": (lambda s: make(s, kinematics="large"), "kinematics = 'large' must be one of"),
-    "thickness": (lambda s: make(s, thickness=0.0), "thickness = 0.0 must be positive"),
-    "unknown tag between": (
-        lambda s: bond(s, between=(1, 5)),
-        r"no cell has tag 5; tags are \[1, 2\]",
-    ),
-    "unknown tag within": (lambda s: bond(s, within=9), r"no cell has tag 9; tags are \[1, 2\]"),
-    "facet in two interfaces": (
+    (lambda s: make(s, cell_tags=s.facet_tags), "dimension 1, .*tags of facets given"),
+    (lambda s: make(s, cell_tags=scene(s.mesh.comm).cell_tags), "belong to another mesh; give"),
+    (lambda s: make(s, degree=0), "degree = 0 must be an integer, at least 1"),
+    (lambda s: make(s, degree=1.5), "degree = 1.5 must be an integer"),
+    (lambda s: make(s, kinematics="large"), "kinematics = 'large' must be one of"),
+    (lambda s: make(s, thickness=0.0), "thickness = 0.0 must be positive"),
+    (lambda s: bond(s, between=(1, 5)), r"no cell has tag 5; tags are \[1, 2\]"),
+    (lambda s: bond(s, within=9), r"no cell has tag 9; tags are \[1, 2\]"),
+    (
         lambda s: make(s, interfaces=[TIE, tie(facets=s.facet_tags.find(3))]),
         r"facet \d+ belongs to both interface 0 \(between=\(1, 2\)\) and interface 1 \(facets=",
     ),
-    "facets on the boundary": (
+    (
         lambda s: bond(s, facets=s.facet_tags.find("left")),
         "lies on the boundary of the mesh; an interface takes interior facets only",
     ),
-    "tags that do not touch": (
-        apart,
-        "has no facet: the tags are not adjacent, .*make the mesh conforming",
-    ),
-    "level set of one sign": (
+    (apart, "has no facet: the tags are not adjacent, .*make the mesh conforming"),
+    (
         lambda s: bond(s, level_set=lambda x: x[0] + 1),
         "the level set has one sign .* check its units",
     ),
-    "level set of three components": (
+    (
         lambda s: bond(s, level_set=lambda x: x),
         r"returns values of shape \(3, \d+\) .* must return one finite number per point",
     ),
-    "predicate without facets": (
+    (
         lambda s: bond(s, facets=lambda x: x[0] == 0.9999),
         "true at all vertices of no interior facet; compare coordinates by np.isclose",
     ),
-    "unknown component": (
+    (
         lambda s: prescribe(s, 0.0, "w"),
         r"unknown component 'w'; in 2D it is one of 0\.\.1 or x, y, or None for all",
     ),
-    "component out of range": (lambda s: prescribe(s, 0.0, 2), "unknown component 2; in 2D"),
-    "nothing prescribed": (
+    (lambda s: prescribe(s, 0.0, 2), "unknown component 2; in 2D"),
+    (
         lambda s: bonded(s).dirichlet(np.zeros(0, dtype=np.int32), 0.0),
         "dirichlet: no facet is selected on any rank",
     ),
-    "value of wrong shape": (
-        lambda s: prescribe(s, [0.0, 0.0, 0.0]),
-        r"a value of shape \(3,\) does not fit 2 components",
-    ),
-    "value that returns nothing": (lambda s: prescribe(s, lambda t: None), "must return the value"),
-    "value that is not a number": (lambda s: prescribe(s, "0.1 mm"), "'0.1 mm' is not a number"),
-    "facets of another mesh": (
-        lambda s: bonded(s).dirichlet(np.array([10**6]), 0.0),
-        "does not exist on this",
-    ),
-    "body force of wrong shape": (
+    (lambda s: prescribe(s, [0.0, 0.0, 0.0]), r"a value of shape \(3,\) does not fit 2 components"),
+    (lambda s: prescribe(s, lambda t: None), "must return the value"),
+    (lambda s: prescribe(s, "0.1 mm"), "'0.1 mm' is not a number"),
+    (lambda s: bonded(s).dirichlet(np.array([10**6]), 0.0), "does not exist on this"),
+    (
         lambda s: bonded(s).body_force([0.0, 0.0, -9.81]),
         r"body_force: the value has shape \(3,\), expected \(2,\)",
     ),
-    "body force on an unknown tag": (
-        lambda s: bonded(s).body_force([0.0, 1.0], tag=7),
-        r"no cell has tag 7; tags are \[1, 2\]",
-    ),
-    "expression of another mesh": (
+    (lambda s: bonded(s).body_force([0.0, 1.0], tag=7), r"no cell has tag 7; tags are \[1, 2\]"),
+    (
         lambda s: bonded(s).body_force(ufl.SpatialCoordinate(scene(s.mesh.comm).mesh)),
         "the expression belongs to another mesh",
     ),
-    "a displacement that ends in NaN": (
+    (
         lambda s: look(ended(s, lambda t: t if t < 1.0 else np.nan)),
         r"a prescribed displacement \(call 2 of dirichlet.*\) is not finite at load factor 1",
     ),
-    "an eigenstrain that ends in NaN": (
+    (
         lambda s: look(
             held(s, make(s, eigenstrain={1: lambda t: t if t < 1.0 else np.nan}), "left")
         ),
         r"an eigenstrain \(eigenstrain of tag 1\) is not finite at load factor 1: check its",
     ),
-    "an eigenstrain in percent": (
+    (
         lambda s: look(held(s, make(s, eigenstrain={1: lambda t: -3.0 * t}), "left")),
         r"an eigenstrain of -1.5 at load factor 0.5 would shrink .*must be positive.* 1 % is 0.01",
     ),
-    "an eigenstrain that vanishes along an axis": (
+    (
         lambda s: make(s, eigenstrain={1: np.diag([0.0, -1.0, 0.2])}),
         r"an eigenstrain of -1 at load factor 0 would shrink",
     ),
-    "endless thickness": (lambda s: make(s, thickness=np.inf), "thickness = inf must be positive"),
-    "thickness with a unit": (
-        lambda s: make(s, thickness="2 mm"),
-        "thickness = '2 mm' must be positive and finite",
-    ),
-    "degree in quotes": (lambda s: make(s, degree="2"), "degree = '2' must be an integer"),
-    "a set of tags between": (
-        lambda s: tie(between={1, 2}),
-        r"between = \{1, 2\} must be two different tags",
-    ),
-    "several tags within": (
+    (lambda s: make(s, thickness=np.inf), "thickness = inf must be positive"),
+    (lambda s: make(s, thickness="2 mm"), "thickness = '2 mm' must be positive and finite"),
+    (lambda s: make(s, degree="2"), "degree = '2' must be an integer"),
+    (lambda s: tie(between={1, 2}), r"between = \{1, 2\} must be two different tags"),
+    (
         lambda s: tie(within=[1, 2]),
         r"within = \[1, 2\] must be one tag; create an interface for each",
     ),
-    "safety of None": (lambda s: tie(within=1, safety=None), "safety = None must be positive"),
-    "initial damage in words": (
+    (lambda s: tie(within=1, safety=None), "safety = None must be positive"),
+    (
         lambda s: bond(s, between=(1, 2), initial_damage="half"),
         r"initial_damage = 'half' must lie in \[0, 1\]: the lost fraction of the strength",
     ),
-    "level set of truth values": (
+    (
         lambda s: bond(s, level_set=lambda x: x[0] < 1),
         "the level set returns True or False; .* negative inside",
     ),
-    "reaction of an interface": (
+    (
         lambda s: bonded(s).reaction(s.facet_tags.find("interface")),
         r"reaction: facet \d+ at \[1.0, .*are unconstrained; .* vmdg.integral\(problem, interface",
     ),
-    "True as a component": (lambda s: prescribe(s, 0.0, True), "unknown component True; in 2D"),
-    "load factors in quotes": (
+    (lambda s: prescribe(s, 0.0, True), "unknown component True; in 2D"),
+    (
         lambda s: run(s, loads=["0.5", "1.0"]),
         r"loads = \['0.5', '1.0'\] must be one or more finite load factors",
     ),
-    "complex load factors": (
-        lambda s: run(s, loads=np.array([0.5 + 1j])),
-        "must be one or more finite load factors",
-    ),
-    "a mesh scaled too late": (
+    (lambda s: run(s, loads=np.array([0.5 + 1j])), "must be one or more finite load factors"),
+    (
         lambda s: look(scaled(held(s, bonded(s), "left", "right"))),
         "nodes of the mesh were moved after the problem was created, .*scale the mesh first",
     ),
-    "no fields": (
-        lambda s: vmdg.FieldWriter(bonded(s), "run", []),
-        "FieldWriter: fields is empty; choose from",
-    ),
-    "a negative width of a crack": (
+    (lambda s: vmdg.FieldWriter(bonded(s), "run", []), "FieldWriter: fields is empty; choose from"),
+    (
         lambda s: vmdg.CrackGrowth(bonded(s), 0, width=-1.0),
         "CrackGrowth: width = -1.0 must be positive and finite",
     ),
-    "a crack that starts at a word": (
+    (
         lambda s: vmdg.CrackGrowth(bonded(s), 0, start="30 mm"),
         "CrackGrowth: start = '30 mm' must be a length",
     ),
-    "no load factors": (lambda s: run(s, loads=[]), "one or more finite load factors"),
-    "a load factor of NaN": (lambda s: run(s, loads=[0.1, np.nan]), "finite load factors"),
-    "no steps": (lambda s: run(s, loads=0), "loads = 0 is a number of steps"),
-}
+    (lambda s: run(s, loads=[]), "one or more finite load factors"),
+    (lambda s: run(s, loads=[0.1, np.nan]), "finite load factors"),
+    (lambda s: run(s, loads=0), "loads = 0 is a number of steps"),
+]
 
 #: The same for a TypeError.
-WRONG_TYPES = {
-    "no law": (
-        lambda s: tie(within=1, law="glue"),
-        "law = 'glue' is not an interface law; try vmdg.Bonded",
-    ),
-    "a law as a class": (
+WRONG_TYPES = [
+    (lambda s: tie(within=1, law="glue"), "law = 'glue' is not an interface law; try vmdg.Bonded"),
+    (
         lambda s: tie(within=1, law=vmdg.Bonded),
         r"law = Bonded is a class; give an instance .* Bonded\(\.\.\.\)",
     ),
-    "a material as a class": (
+    (
         lambda s: make(s, materials={1: STEEL, 2: vmdg.NeoHookean}),
         "the material of 2 is the class NeoHookean; give an instance",
     ),
-    "a number as material": (
-        lambda s: make(s, materials={1: STEEL, 2: 5e3}),
-        "must be a vmdg.Material",
-    ),
-    "materials in a list": (lambda s: make(s, materials=[STEEL, STEEL]), "must be a dict"),
-    "one interface without a list": (lambda s: make(s, interfaces=TIE), r"a list, \[Interface"),
-    "facets in place of interfaces": (
-        lambda s: make(s, interfaces=[1, 2]),
-        "1, which is not a vmdg.Interface",
-    ),
-    "the tuple in place of the mesh": (lambda s: make(s, mesh=s), "unpack what vmdg.meshes"),
-    "no tags": (lambda s: make(s, cell_tags=None), "not dolfinx.mesh.MeshTags; make them by"),
-    "a tag in place of facets": (lambda s: bonded(s).dirichlet(1, 0.0), "facet_tags.find"),
-    "a name in place of facets": (
-        lambda s: bonded(s).dirichlet("left", 0.0),
-        r"facet_tags.find\(group\)",
-    ),
-    "a mask in place of facets": (
+    (lambda s: make(s, materials={1: STEEL, 2: 5e3}), "must be a vmdg.Material"),
+    (lambda s: make(s, materials=[STEEL, STEEL]), "must be a dict"),
+    (lambda s: make(s, interfaces=TIE), r"a list, \[Interface"),
+    (lambda s: make(s, interfaces=[1, 2]), "1, which is not a vmdg.Interface"),
+    (lambda s: make(s, mesh=s), "unpack what vmdg.meshes"),
+    (lambda s: make(s, cell_tags=None), "not dolfinx.mesh.MeshTags; make them by"),
+    (lambda s: bonded(s).dirichlet(1, 0.0), "facet_tags.find"),
+    (lambda s: bonded(s).dirichlet("left", 0.0), r"facet_tags.find\(group\)"),
+    (
         lambda s: bonded(s).dirichlet(np.ones(4, dtype=bool), 0.0),
         "must be an array of local facets",
     ),
-    "a mask of facets in an interface": (
+    (
         lambda s: bond(s, facets=np.ones(4, dtype=bool)),
         r"Interface: facets = .* must be an array of local facets.*np.flatnonzero\(mask\)",
     ),
-    "a factor in place of a stabilization": (
+    (
         lambda s: tie(within=1, stabilization=4.0),
         "stabilization = 4.0 must be a function of tau1, tau2 .* safety=",
     ),
-    "node numbers": (
+    (
         lambda s: bonded(s).dirichlet_points([0, 1], 0.0),
         r"dirichlet_points: where = \[0, 1\] must be a predicate on coordinates",
     ),
-    "a place in place of a predicate": (
+    (
         lambda s: bonded(s).reaction_points((0.0, 0.0)),
         r"reaction_points: where = \(0.0, 0.0\) must be a predicate on coordinates",
     ),
-    "a spring that changes": (
+    (
         lambda s: bonded(s).spring(s.facet_tags.find("left"), lambda t: 100 * t),
         "spring: the stiffness .* must be numbers in MPa/mm; springs are constant in the load",
     ),
-    "a spring in quotes": (
+    (
         lambda s: bonded(s).spring(s.facet_tags.find("left"), "100"),
         "spring: the stiffness '100' must be numbers",
     ),
-    "a list of problems": (
+    (
         lambda s: run(s, problem=[bonded(s)]),
         r"solve: problem = \[<Problem: .*\] must be a vmdg.Problem: solve\(problem, ",
     ),
-    "a checkpoint of a folder": (
+    (
         lambda s: vmdg.read_checkpoint("run", bonded(s)),
         r"checkpoint: problem = 'run' must be a vmdg.Problem, and the folder comes after it",
     ),
-    "a result in place of a table": (
+    (
         lambda s: run(s, history=[]),
         r"solve: history = \[\] must be a History, such as result.history",
     ),
-    "a place that is no interface": (
-        lambda s: bonded(s).mean(0.0),
-        "there is no interface 0.0; the problem has 'interface_0'",
-    ),
-    "a group named by a number": (
+    (lambda s: bonded(s).mean(0.0), "there is no interface 0.0; the problem has 'interface_0'"),
+    (
         lambda s: vmdg.split_cells(s.mesh, lambda x: x[0] - 1, 5),
         "split_cells: name = 5 must be a word",
     ),
-    "a number as level set": (
+    (
         lambda s: vmdg.split_cells(s.mesh, 0.5, "inside"),
         "level set 0.5 must be a function of points",
     ),
-    "a mesh without tags": (
+    (
         lambda s: write_mesh(s.mesh, "part.xdmf"),
         "write_mesh: tagged = <.*> must be mesh, cell_tags, facet_tags",
     ),
-    "ranks in place of a file": (
+    (
         lambda s: read_mesh(s.mesh.comm, "part.msh"),
         "read_mesh: path = <.*> must be a str or a Path",
     ),
-    "fields of a folder": (
+    (
         lambda s: vmdg.FieldWriter("run", bonded(s)),
         "FieldWriter: problem = 'run' must be a vmdg.Problem, and the folder comes after it",
     ),
-    "a curve of a result": (
+    (
         lambda s: plot.curve(vmdg.solve(held(s, bonded(s), "left"), [1.0]), "load", "step"),
         "curve: history = <Result: .* must be a vmdg.History: result.history",
     ),
-    "options in a dict": (lambda s: run(s, options={"max_cuts": 3}), r"SolveOptions\(\.\.\.\)"),
-    "a load factor alone": (lambda s: run(s, loads=1.0), r"\[1.0\] for one step to 1, or an int"),
-    "a column of lists": (
+    (lambda s: run(s, options={"max_cuts": 3}), r"SolveOptions\(\.\.\.\)"),
+    (lambda s: run(s, loads=1.0), r"\[1.0\] for one step to 1, or an int"),
+    (
         lambda s: run(s, monitor=lambda p: {"a": [[1.0], [1.0, 2.0]]}),
         r"column 'a' of the monitor is \[\[1.0\], \[1.0, 2.0\]\]; it must be a number",
     ),
-    "K and G": (
-        lambda s: vmdg.NeoHookean(K=1.0, G=1.0),
-        r"there is no K=: .* lmbda=K - 2\*G/3 and mu=G",
-    ),
-    "an energy for a gap": (
+    (lambda s: vmdg.NeoHookean(K=1.0, G=1.0), r"there is no K=: .* lmbda=K - 2\*G/3 and mu=G"),
+    (
         lambda s: vmdg.Debonding(strength=1.0, fracture_energy=1.0),
         r"there is no fracture_energy=: .* critical_gap=2\*G_c/strength",
     ),
-    "an experiment without a problem": (
+    (
         lambda s: vmdg.identify(lambda v: 3.0, vmdg.Curve([1.0], [1.0], sigma=1.0), {"E": 1.0}),
         "make_problem of 'measured' returned 3.0; it must return a problem, its monitor",
     ),
-    "True as loads": (lambda s: run(s, loads=True), "loads = True must be a list of load factors"),
-    "a monitor without names": (lambda s: run(s, monitor=lambda p: p.t), "a dict of columns"),
-}
+    (lambda s: run(s, loads=True), "loads = True must be a list of load factors"),
+    (lambda s: run(s, monitor=lambda p: p.t), "a dict of columns"),
+]
 
 
-@pytest.mark.parametrize("mistake", [*WRONG_VALUES, *WRONG_TYPES])
-def test_refused(comm, mistake):
+@pytest.mark.parametrize(
+    ("error", "attempt", "message"),
+    [(ValueError, *one) for one in WRONG_VALUES] + [(TypeError, *one) for one in WRONG_TYPES],
+)
+def test_refused(comm, error, attempt, message):
     """Refused on every rank, by a message that says what to do."""
-    attempt, message = (WRONG_VALUES | WRONG_TYPES)[mistake]
-    with pytest.raises(TypeError if mistake in WRONG_TYPES else ValueError, match=message):
+    with pytest.raises(error, match=message):
         attempt(scene(comm))
 
 
@@ -722,14 +633,6 @@ def test_a_change_after_the_fact(comm):
         bonded(scene(comm)).interfaces[0].law = vmdg.Bonded()
 
 
-def test_nothing_left_to_do(comm):
-    """A run that is resumed after its end has no load factors left: no mistake."""
-    tagged = scene(comm)
-    problem = held(tagged, bonded(tagged), "left", "right")
-    history = vmdg.solve(problem, [1.0]).history
-    assert len(vmdg.solve(problem, [], history=history).history) == 1
-
-
 def test_a_checkpoint_that_nobody_read(comm, out):
     """A run from the start where an earlier one left its checkpoint would lose it: a warning."""
     tagged, options = scene(comm), vmdg.SolveOptions(checkpoint=out / "run")
@@ -761,22 +664,6 @@ def test_names_without_names(comm):
     tags = meshtags(mesh, 2, cells, np.ones_like(cells))
     with pytest.raises(ValueError, match=r"groups of this mesh have no names.*setPhysicalName"):
         vmdg.Problem(mesh, tags, {"steel": STEEL}, [])
-
-
-def test_bodies_meshed_separately(comm):
-    """Two rectangles that only touch in space share no facet: their surfaces are paired."""
-    with model("apart") as gmsh_model:
-        if comm.rank == 0:
-            for tag in (1, 2):
-                gmsh_model.occ.addRectangle(tag - 1.0, 0, 0, 1, 1, tag)
-            gmsh_model.occ.synchronize()
-            for tag in (1, 2):
-                gmsh_model.addPhysicalGroup(2, [tag], tag)
-            gmsh_model.mesh.generate(2)
-        mesh, cell_tags, _ = distribute(gmsh_model, comm, 2)
-    bodies = {1: STEEL, 2: STEEL}
-    problem = vmdg.Problem(mesh, cell_tags, bodies, [TIE])
-    assert global_sum(comm, problem.state[0].weights.sum()) == pytest.approx(1.0, abs=1e-14)
 
 
 @pytest.mark.parametrize(

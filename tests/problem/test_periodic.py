@@ -202,17 +202,6 @@ def test_shifted_and_tiled_cells(comm, kinematics):
     assert curve(alone) == pytest.approx(expected, rel=1e-8, abs=1e-8)
 
 
-def test_uniaxial_stress(comm):
-    """Components that are given nowhere are free of stress; a bar of one body has E and nu."""
-    periodic = vmdg.Periodic(strain={"xx": lambda t: 0.01 * t})
-    mesh, tags = tagged(comm, "hexahedron", (2, 1, 1), lambda x: 1 + 0 * x[0])
-    problem = vmdg.Problem(mesh, tags, materials((1,)), [], kinematics=SMALL, periodic=periodic)
-    vmdg.solve(problem, [1.0], PRECISE)
-    E, nu = MODULI[1]
-    assert means(problem).stress == pytest.approx(np.diag([0.01 * E, 0, 0]), abs=1e-9)
-    assert means(problem).strain == pytest.approx(0.01 * np.diag([1, -nu, -nu]), abs=1e-13)
-
-
 @pytest.mark.parametrize("kinematics", [SMALL, FINITE])
 def test_stress_leads_to_the_same_state(comm, kinematics):
     """The mean stress of a given strain, given instead, leads back to that strain."""

@@ -142,32 +142,6 @@ def test_quadratic(comm, component):
     assert problem.reaction(scene.facet_tags.find(LEFT))[0] == pytest.approx(80.0, rel=1e-9)
 
 
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
-def test_bond_under_a_plate(comm, kinematics):
-    """A bar with a bond, pulled by a force past its peak: u = T h/E + (1 - T/P_c) zeta_c."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    bond = vmdg.Debonding(strength=10.0, critical_gap=0.05)
-    problem = joined(scene, bond, (vmdg.NeoHookean(E=1e5, nu=0.0),) * 2, kinematics=kinematics)
-    hold(problem, scene, LEFT, component="x")
-    hold(problem, scene, BOTTOM, component="y")
-    plate = problem.rigid_face(scene.facet_tags.find(RIGHT), "x", force=lambda t: 20.0 * t)
-    result = vmdg.solve(
-        problem,
-        [1.0],
-        vmdg.SolveOptions(unstable="trace", energy=True),
-        monitor=lambda problem: {"u": plate.displacement()},
-        until=lambda problem: problem.debonded() > 0 or plate.displacement() > 0.04,
-    )
-    T, u = 20.0 * result.history["load"], result.history["u"]
-    assert T.max() == pytest.approx(10.0, rel=1e-6)
-    assert T[-1] < 5.0
-    broken = u > u[np.argmax(T)]
-    expected = 2.0 * T[broken] / 1e5 + (1 - T[broken] / 10.0) * 0.05
-    assert broken.sum() > 3
-    assert u[broken] == pytest.approx(expected, rel=2e-4)
-    assert abs(result.history["imbalance"][-1]) < 1e-2 * result.history["damage"][-1]
-
-
 def test_programme_that_is_not_linear(comm):
     """A plate is where it is prescribed, not where the last step leads."""
     problem, find = side_by_side(comm)

@@ -295,24 +295,6 @@ def test_pressurised_crack(comm, kinematics, balance):
     assert energy.external == pytest.approx(10.0 * exact / 2, rel=1e-2)
 
 
-def test_fluid_against_a_closing_load(comm):
-    """A crack under p and as much pressure from outside as it holds is neither open nor pressed."""
-    problem = cracked(comm, 16, kinematics="small")
-    problem.pressure("crack", 10.0)
-    sides = [lambda x, s=s: np.isclose(x[1], 20 * s) for s in (-1, 1)]
-    for side in sides:
-        problem.pressure(side, lambda t: 15.0 * t)
-    vmdg.solve(problem, [0.0, 0.6], EXACT)
-    state = problem.state["crack"]
-    assert (state.opening[state.points[:, 0] < 0.9, 1] > 0).all()
-    assert not state.traction.any()
-    vmdg.solve(problem, [1.0], EXACT)
-    state = problem.state["crack"]
-    # The lips bear what the fluid does not: 15 - 10, as if there were no crack.
-    assert state.traction[:, 1] == pytest.approx(-5.0, rel=1e-6)
-    assert np.abs(state.opening[:, 1]).max(initial=0.0) < 1e-9
-
-
 @pytest.mark.parametrize("debonded", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_fluid_driven_crack(comm, debonded):
     """Griffith: p = sqrt(E G_c/(pi a (1 - nu^2))) within 1%, p falling, where the fluid fills it.
@@ -428,18 +410,6 @@ def test_reaction_at_points(comm):
 
 
 # Doors
-
-
-def test_loads_that_contain_the_displacement(comm):
-    """A dead load written with problem.u does not follow it: pressure and spring do."""
-    scene = two_blocks(comm, "triangle", 1)
-    problem = joined(scene, vmdg.Bonded())
-    N, F = ufl.FacetNormal(problem.mesh), ufl.Identity(2) + ufl.grad(problem.u)
-    area = ufl.det(F) * ufl.inv(F).T * N
-    with pytest.raises(ValueError, match=r"traction: .* problem\.u.* problem\.pressure"):
-        problem.traction(scene.facet_tags.find(2), -3.0 * area)
-    with pytest.raises(ValueError, match=r"body_force: .* problem\.u.* problem\.spring"):
-        problem.body_force(-0.1 * problem.u)
 
 
 def test_errors_at_the_door(comm):

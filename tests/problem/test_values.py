@@ -168,50 +168,37 @@ def test_unclear_function(problem, scene, door, value):
 
 
 #: Texts for numbers where a problem is described, which numpy would read: what is made, and words.
-TEXTS = {
-    "c": (
-        lambda: vmdg.Ogden(c=("3.0",), m=(2.0,), kappa=1.0),
-        r"c = \('3.0',\) and m = .* numbers",
-    ),
-    "E": (lambda: vmdg.NeoHookean(E="3.0", nu=0.3), "NeoHookean: E = '3.0' must be one number"),
-    "rotation": (
+TEXTS = [
+    (lambda: vmdg.Ogden(c=("3.0",), m=(2.0,), kappa=1.0), r"c = \('3.0',\) and m = .* numbers"),
+    (lambda: vmdg.NeoHookean(E="3.0", nu=0.3), "NeoHookean: E = '3.0' must be one number"),
+    (
         lambda: vmdg.Cubic(C11=3.0, C12=1.0, C44=1.0, rotation=np.eye(3).astype(str)),
         "Cubic: rotation = .* must be a matrix",
     ),
-    "ply": (
+    (
         lambda: vmdg.Laminate(
             [vmdg.Orthotropic(E=(1.0,) * 3, nu=(0.0,) * 3, G=(1.0,) * 3)], thickness="0.1"
         ),
         "thickness = '0.1' must be positive",
     ),
-    "strength": (lambda: vmdg.Debonding("3.0", 0.1), "strength = '3.0': must be one number, an"),
-    "strengths": (
-        lambda: vmdg.Debonding(["3.0"], 0.1),
-        r"strength = \['3.0'\]: must be one number,",
-    ),
-    "viscosity": (
-        lambda: vmdg.Debonding(3.0, 0.1, viscosity="1.0"),
-        "viscosity = '1.0': must be one number;",
-    ),
-    "exponent": (
+    (lambda: vmdg.Debonding("3.0", 0.1), "strength = '3.0': must be one number, an"),
+    (lambda: vmdg.Debonding(["3.0"], 0.1), r"strength = \['3.0'\]: must be one number,"),
+    (lambda: vmdg.Debonding(3.0, 0.1, viscosity="1.0"), "viscosity = '1.0': must be one number;"),
+    (
         lambda: vmdg.MixedModeDebonding(3.0, 3.0, 1.0, 1.0, criterion="BK", exponent="2.0"),
         "exponent = '2.0': must be at least 1",
     ),
-    "life": (
-        lambda: vmdg.FatigueDebonding(3.0, 3.0, 1.0, 1.0, life="1e7"),
-        "life = '1e7': must be in",
-    ),
-    "activate_at": (
+    (lambda: vmdg.FatigueDebonding(3.0, 3.0, 1.0, 1.0, life="1e7"), "life = '1e7': must be in"),
+    (
         lambda: vmdg.Interface(within=1, law=vmdg.Debonding(3.0, 0.1), activate_at="0.4"),
         "activate_at = '0.4' must lie in",
     ),
-}
+]
 
 
-@pytest.mark.parametrize("what", TEXTS)
-def test_text_for_a_number(what):
+@pytest.mark.parametrize(("make", "message"), TEXTS)
+def test_text_for_a_number(make, message):
     """A text is no number, though it may look like one."""
-    make, message = TEXTS[what]
     with pytest.raises((TypeError, ValueError), match=message):
         make()
 

@@ -77,29 +77,6 @@ def test_bar_shows_what_is_asked_for(comm, capsys):
         solve(pulled(comm), [0.01], progress=ALWAYS, show="torque")
 
 
-@pytest.mark.long
-def test_bar_while_a_step_is_cut_or_jumps(comm, capsys):
-    """Why a step fails, the viscous steps of a jump, and part of a step on the bar."""
-    brittle = vmdg.Debonding(strength=20.0, critical_gap=0.004)
-    problem, loads = pulled(comm, law=brittle), np.linspace(0.001, 0.02, 20)
-    result = solve(problem, loads, progress=ALWAYS)
-    said = capsys.readouterr().err
-    assert result.failures
-    assert result.history["jump_steps"].sum() > 0
-    if comm.rank == 0:
-        assert re.search(r"jump, overstress [\d.e+-]+ H( |:|,|$)", said)
-        assert re.search(r"step to [\d.]+: [A-Z_]+", said)
-        parts = [float(n) for n in re.findall(r"\| ([\d.]+)/20 ", said)]
-        assert parts == sorted(parts)
-        assert parts[-1] == 20
-
-
-def test_log_files_are_not_flooded(comm, capsys):
-    """Where the output is no terminal the bar has a few states only."""
-    solve(pulled(comm), np.linspace(0.001, 0.02, 20), progress=True)
-    assert capsys.readouterr().err.count("\r") <= 4
-
-
 def test_verbose(comm, capsys):
     """The residuals of every step and its Krylov iterations, on rank 0 only."""
     chosen = {"control": "load", "petsc": ITERATIVE}
@@ -177,19 +154,3 @@ def test_timers(comm):
     assert [t.name for t in found] == ["test, long", "test, short"]
     assert [t.runs for t in found] == [3, 1]
     assert 0.05 < found[0].seconds < 1
-
-
-def test_summary_has_the_timers(comm):
-    """The run first, with all of its time; the parts it has used, and none that it has not."""
-    result = solve(pulled(comm), [0.01, 0.1])
-    names = [timing.name for timing in result.timings]
-    assert names[0] == "solve"
-    assert {"linear solve", "return map", "stabilization", "assemble residual"} < set(names)
-    assert "set up preconditioner" not in names
-    whole = result.timings[0]
-    assert whole.runs == 1
-    assert all(timing.seconds <= whole.seconds + 0.02 for timing in result.timings)
-    lines = result.summary().split("\n")
-    start = next(i for i, line in enumerate(lines) if "timer" in line)
-    assert len(lines) == start + 1 + len(result.timings)
-    assert "100%" in lines[start + 1] or whole.seconds == 0
