@@ -72,7 +72,6 @@ def thrown(comm, steps, tilt=0.0, rho_inf=0.8, floor=8):
         (4, 0.0, 0.8, 8),
         (3, 10.0, 0.8, 8),
         (7, 20.0, 0.5, 1),
-        (7, 62.0, 0.5, 1),
     ],
 )
 def test_impact(comm, steps, tilt, rho_inf, floor):

@@ -108,27 +108,6 @@ def test_open_contact_leaves_bodies_alone(cell, n, tilt, options):
     assert abs(near.interface) < 1e-12 * near.bulk
 
 
-def test_corner_is_as_stiff_however_it_is_turned():
-    """A square of squares overlaps a wall by its corner, where both of its sides meet the wall:
-    the energy does not depend on the angle, nor jumps where a side becomes a pair."""
-    found, above, depth = [], 0.001, 0.01
-    for angle in np.deg2rad([10.0, 29.9, 30.1, 45.0, 59.9, 60.1, 80.0]):
-        turn = rotation(2, angle)
-
-        def turned(x, turn=turn):
-            x = turn @ x
-            return x + [[0.0], [above - x[1].min()]]
-
-        low = block("quadrilateral", (1, 1), [-3.0, -0.5], [3.0, 0.0], 1)
-        upper = moved(block("quadrilateral", (2, 2), [-0.5, -0.5], [0.5, 0.5], 2), turned)
-        problem = contact(apart([low, upper]), (vmdg.Rigid(), SOFT), vmdg.Contact(), gap="keep")
-        problem.dirichlet_points(lambda x: x[1] > above / 2, np.array([0.0, -depth - above]))
-        vmdg.solve(problem, [1.0])
-        found.append(problem.energy().interface)
-    assert found == pytest.approx([found[0]] * len(found), rel=1e-6)
-    assert found[0] > SOFT.parameters["mu"] * depth**2 / 2
-
-
 def moment(problem):
     """Sum of the moments of all forces, which supports carry, in the current configuration."""
     d = problem.mesh.geometry.dim

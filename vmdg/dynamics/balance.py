@@ -87,7 +87,7 @@ class Balance:
         # Not of what was made.
         largest = max(self.largest, here - debts[0])
         allowed = ALLOWED * largest + work + self.rounding
-        made = now[1] - self._last[1] - self.imbalance if strict is not None else 0.0
+        made = now[1] - self._last[1] - self.imbalance if strict is False else 0.0
         if not (np.append(debts[: 1 + bool(strict)], made) <= allowed).all():
             return GAINED
         if keeps and self._last[1] + change - now[1] > allowed:

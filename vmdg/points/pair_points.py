@@ -85,21 +85,6 @@ def rule_with_corners(kind: basix.CellType, degree: int) -> Rule:
     return Rule.of(kind, *basix.make_quadrature(kind, degree))
 
 
-def share_of(cosine: Array) -> Array:
-    """Share of its area with which a pair counts in contact that slides, by the cosine of the angle
-    theta between N_1 and -N_2:
-
-        f = 1/2 + cos(2 theta) = 2 cos^2(theta) - 1/2, between 0 and 1,
-
-    1 up to 30 degrees, and 0 at 60 degrees, beyond which facets are no pair. Two facets meet the
-    other body in their common corner; r dA, which carries it, does not depend on theta, as r falls
-    with the area that is projected. Without f the force jumps, and with it the energy, where a
-    facet that turns becomes a pair, however short the step. A right angle has f(theta) +
-    f(90 - theta) = 1: what carries a corner does not depend on how it is turned.
-    """
-    return np.clip(2 * cosine * cosine - 0.5, 0.0, 1.0)
-
-
 class Shifts(NamedTuple):
     """How points of side 1 move within the planes of their segments where side 2 moves by g + h.v
     relative to side 1, v from the point, by components in the plane.
@@ -123,7 +108,7 @@ class PairPoints(Points):
     Point p of side 1 and its partner on side 2 have one projection into the plane of the segment,
     along the normal of the facet of side 1. Quadrilaterals may be triangles with a repeated corner.
     Contact of bodies that slide has points at the corners of segments, all others have those of
-    Gauss, and counts by :func:`share_of`.
+    Gauss.
     """
 
     facets: PairedFacets
@@ -138,7 +123,7 @@ class PairPoints(Points):
         kind = _KINDS[corners]
         self._order = [0, 1, 3, 2] if corners == 4 else list(range(corners))
         law = facets.surfaces.law
-        gauss = self._whole = law.has_bond or not law.inelastic or not facets.slides
+        gauss = law.has_bond or not law.inelastic or not facets.slides
         given = basix.make_quadrature(kind, degree)
         self._rule = Rule.of(kind, *given) if gauss else rule_with_corners(kind, degree)
         # Products of two displacements are integrated exactly.
@@ -167,10 +152,7 @@ class PairPoints(Points):
         count = areas.size
         self.points = np.zeros((count, 3))
         self.points[:, :d] = one.positions.reshape(-1, d)
-        areas *= one.stretch * around
-        if not self._whole:
-            areas *= share_of(-np.einsum("sqi,sqi->sq", one.normals, two.normals))
-        self.weights = areas.ravel()
+        self.weights = (areas * one.stretch * around).ravel()
         ratio = two.stretch / one.stretch
         # On an axis both are zero, and their ratio is that of the stretches.
         off = around > _FLAT * around.max(axis=1, keepdims=True)
