@@ -193,7 +193,7 @@ def shown(text: str, display: bool = True) -> str:
         ("int_K GRAD b : A : GRAD b dV", "∫K GRAD b : A : GRAD b dV"),
         ("zeta_T,n = [R^T.(x_2 - x_1)]_T(u_n) - s_n", "ζT,n = [RT⋅(x2 − x1)]T(un) − sn"),
         ("Pi = I - n (x) m/(m.n)", "Π = I − n ⊗ (m)/(m⋅n)"),
-        ("|T*_N - d mu |T_N| n| <= F_s^-1_JK", "|T∗N − d μ |TN| n| ≤ Fs−1JK"),
+        ("|T*_N - d mu |T_N| n| <= F_s^-1_JK", "|TN∗ − d μ |TN| n| ≤ Fs−1JK"),
         ("F_bar = (theta / J)^(1/n) F", "F¯ = (θ / J)1/n F"),
         ("K = d2Pi/du2 where lambda >= E, otherwise 0", "K = (d2Π)/(du2) where λ ≥ E, otherwise 0"),
         ("sigma_y = yield_stress + hardening alpha", "σy = yield_stress + hardening α"),
@@ -203,7 +203,7 @@ def shown(text: str, display: bool = True) -> str:
     ],
 )
 def test_formulas_keep_their_signs(text, expected):
-    """Every sign in its place; a fraction is stacked where nobody could read another one."""
+    """Every sign in its place; a fraction is stacked where it can be read in one way."""
     assert shown(text) == expected
 
 
@@ -236,7 +236,7 @@ def test_formulas_in_sentences():
     text = (
         "A law, e.g. of a bond, has T = {P.N} + r s at side 1, where |T| <= max(R, mu |T_N|), in "
         "MPa or N/m; 2 H is 5 N by M. Ortiz. At (57) tau_s (57) and zeta_n, n [N] need a < 1/2 and "
-        "DG of degree 2 - I/O does not."
+        "DG of degree 2 - I/O does not. Units are N, mm and s (20 s)."
     )
     found = [text[start:end] for start, end in FORMULAS.spans(text)]
     assert found == [
@@ -275,7 +275,7 @@ def test_other_words_lead_to_pages():
     pages = sources()
     index = {name: re.findall(r"^```{index} (.*)$", text, re.M) for name, text in pages.items()}
     for words, page in (("CZM", "laws"), ("press fit", "materials"), ("mode mixity", "laws")):
-        assert words in index[f"reference/{page}.md"][0].split(", ")
+        assert f"! {words}" in index[f"reference/{page}.md"][0].split(", ")
     assert "mesh size" in index["howto/choose-the-mesh-at-a-process-zone.md"][0]
 
 
@@ -292,10 +292,10 @@ def test_site_is_built_without_warnings(tmp_path):
     page = (html / "names" / "vmdg.Problem.html").read_text()
     assert "Bodies connected by interfaces that may fail." in page
     texts = {file: file.read_text() for file in html.rglob("*.html")}
-    assert sum('<div class="formula">' in text for text in texts.values()) > 20
-    assert sum("<math" in text for text in texts.values()) > 100
+    assert sum('<div class="formula">' in text for text in texts.values()) > 15
+    assert sum("<math" in text for text in texts.values()) > 80
     for text in texts.values():
         for formula in re.findall(r"<math.*?</math>", text):
             ElementTree.fromstring(formula)
         assert not re.search(r'<(script|link)[^>]+(src|href)="(https?:)?//', text)
-    assert (html / "_downloads").is_dir()
+    assert len(list(html.glob("_downloads/*/tutorial*.ipynb"))) > 5

@@ -131,14 +131,18 @@ def _typeset(app, tree) -> None:
         if literal.get("language", "none") in ("none", "default"):
             with suppress(Unclear):
                 literal.replace_self(nodes.raw("", block(literal.astext()), format="html"))
-    for text in [t for p in tree.findall(nodes.paragraph) for t in p if isinstance(t, nodes.Text)]:
+    for node in [t for p in tree.findall(nodes.paragraph) for t in p if isinstance(t, nodes.Text)]:
+        text = node.astext()
         pieces: list[nodes.Node] = []
         last = 0
         for start, end in spans(text):
             # No line ends between a formula and a bracket or comma.
             around = (f" {text}"[start], f"{text} "[end])
             tied = ["" if sign.isspace() else WORD_JOINER for sign in around]
-            made = tied[0] + mathml(text[start:end], display=False) + tied[1]
-            pieces += [nodes.Text(text[last:start]), nodes.raw("", made, format="html")]
+            made = mathml(text[start:end], display=False)
+            if end - start > 30:
+                made = f'<span class="formula-long">{made}</span>'
+            made = nodes.raw("", tied[0] + made + tied[1], format="html")
+            pieces += [nodes.Text(text[last:start]), made]
             last = end
-        text.parent.replace(text, [*pieces, nodes.Text(text[last:])])
+        node.parent.replace(node, [*pieces, nodes.Text(text[last:])])

@@ -31,7 +31,7 @@ BRACKETS = {"(": ")", "[": "]", "{": "}"}
 #: Words that begin a remark next to a formula.
 REMARK = set("where for in if with at and or otherwise next the along of is all".split())
 #: Of two or three letters of which each could be a symbol, yet words, names or units.
-WORDS = {"do", "e.g", "i.e", "I/O", "N/m", "J/m", "m/s", "W/m", "K/s"}
+WORDS = {"do", "e.g", "i.e", "I/O", "N/m", "J/m", "m/s", "W/m", "K/s", "1/s"}
 UNITS = set("N m s J K W g")
 #: Letters that are words of English, or names, more often than symbols.
 ARTICLES = set("a A I C x")
@@ -44,6 +44,7 @@ WORD = re.compile(r"[^\W\d_²³][^\W_²³]*")
 BELOW = re.compile(r"_(?:\{([^{}]+)\}|([A-Za-z0-9]+|\+)(?![A-Za-z0-9]))((?:,[A-Za-z]+(?!\w))?)")
 #: x^-T, x^-1_JK; not x^1/2, which is two things.
 POWER = re.compile(rf"(-?)(?:(\d+(?:\.\d+)?)|({LETTER}))(?!(?<=1)/\d)(?![^\W_]|\.\d)")
+PRIMES = {"'": "′", "*": "∗"}
 POWERS = {"²": "2", "³": "3"}
 
 
@@ -259,34 +260,46 @@ class Reader:
 
     def scripts(self, base: Item) -> Item:
         """A piece with what stands at it: index, prime, tilde, star, power."""
-        xml = base.xml
+        xml, low, high = base.xml, "", ""
+
+        def with_scripts() -> str:
+            tag = "msubsup" if low and high else "msub" if low else "msup"
+            return f"<{tag}>{xml}{low}{high}</{tag}>" if low or high else xml
+
         while True:
             here = self.here()
-            if found := BELOW.match(self.text, self.at):
+            found = BELOW.match(self.text, self.at)
+            above = ""
+            if found:
                 self.at = found.end()
-                if found[2] == "bar" and base.kind != "group":
+                if found[2] == "bar" and base.kind != "group" and not (low or high):
                     xml = f'<mover accent="true">{xml}<mo stretchy="false">¯</mo></mover>'
-                else:
-                    xml = f"<msub>{xml}{subscript(found)}</msub>"
-            elif here == "'":
-                self.at += 1
-                xml = f"<msup>{xml}<mo>′</mo></msup>"
-            elif here == "~":
+                    continue
+                if low:
+                    xml, low, high = with_scripts(), "", ""
+                low = subscript(found)
+                continue
+            if here == "_":
+                raise Unclear(f"an index in {self.text}")
+            star = base.kind == "symbol" and re.match("[_| ,)]", self.here(1))
+            if here == "~" and not (low or high):
                 self.at += 1
                 xml = f'<mover accent="true">{xml}<mo stretchy="false">~</mo></mover>'
-            elif here == "*" and base.kind == "symbol" and re.match("[_| ,)]", self.here(1)):
+                continue
+            if here == "'" or (here == "*" and star):
                 self.at += 1
-                xml = f"<msup>{xml}<mo>∗</mo></msup>"
+                above = f"<mo>{PRIMES[here]}</mo>"
             elif here in POWERS:
                 self.at += 1
-                xml = f"<msup>{xml}<mn>{POWERS[here]}</mn></msup>"
+                above = f"<mn>{POWERS[here]}</mn>"
             elif here == "^":
                 self.at += 1
-                xml = f"<msup>{xml}{self.power()}</msup>"
-            elif here == "_":
-                raise Unclear(f"an index in {self.text}")
+                above = self.power()
             else:
-                return Item(base.kind, xml)
+                return Item(base.kind, with_scripts())
+            if high:
+                xml, low, high = with_scripts(), "", ""
+            high = above
 
     def power(self) -> str:
         """What stands behind ``^``: one sign, number or letter, or a bracket."""
@@ -376,7 +389,7 @@ def joined(items: list[Item], display: bool) -> str:
 
 
 def stacked(items: list[Item], i: int) -> bool:
-    """Whether the pieces from i on are a fraction, of which nobody could read another one."""
+    """Whether the pieces from i on are a fraction, that cannot be read as another one."""
     ends = items[i : i + 3]
     if len(ends) < 3 or ends[1].kind != "slash":
         return False
@@ -403,6 +416,8 @@ def stacked(items: list[Item], i: int) -> bool:
 
 # ---- formulas within sentences ------------------------------------------------------------------
 
+UNIT_AFTER = re.compile(r",?\s(and\s)?(mm|MPa|kN|GPa)\b")
+UNIT_BEFORE = re.compile(r"\b(mm|MPa|kN|GPa|per),?\s(and\s)?$")
 SIGNS = {"=", "+", "-", "<", ">", "<=", ">=", "<<", ">>", "/", ":", "(x)"}
 
 
@@ -441,6 +456,8 @@ def formula(text: str, start: int, end: int) -> bool:
         return False
     if re.fullmatch(r"[^\W\d]", part):
         # Neither an article, nor an initial of a name, nor a unit.
+        if part in UNITS and (UNIT_AFTER.match(text[end:]) or UNIT_BEFORE.search(text[:start])):
+            return False
         follows = text[end : end + 1]
         return part not in ARTICLES and follows != "." and not re.search(r"\d\s$", text[:start])
     for k, word in enumerate(words):
@@ -457,6 +474,7 @@ def formula(text: str, start: int, end: int) -> bool:
 
 def numbers_apart(words: list[str]) -> bool:
     """Whether a number counts what follows (2 H), has a unit, or follows without a sign."""
+    words = [word.strip("()") for word in words]
     number = [bool(NUMBER.fullmatch(word)) for word in words]
     if number[0] and (len(words) == 1 or words[1] not in SIGNS):
         return True

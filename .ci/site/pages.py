@@ -458,8 +458,9 @@ def sources() -> dict[str, str]:
     for contents in sorted(HERE.glob("*.md")):
         before = made.get(contents.name, "")
         made[contents.name] = before + "\n" * bool(before) + contents.read_text()
-    for name, words in synonyms().items():  # the search looks into the index, too
-        made[name] = made[name].rstrip("\n") + f"\n\n```{{index}} {', '.join(words)}\n```\n"
+    for name, words in synonyms().items():  # main entries of the index come first in a search
+        entries = ", ".join(f"! {word}" for word in words)
+        made[name] = made[name].rstrip("\n") + f"\n\n```{{index}} {entries}\n```\n"
     return made
 
 
