@@ -38,6 +38,7 @@ COMMANDS = {
     "unloading": (".ci/unloading.py OUT/unloading.png", "unloading.png"),
     "weak_links": ("weak_links", "weak_links.png"),
     "measured_images": ("measured_images", "measured_images.png"),
+    "adhesive": ("adhesive", "adhesive.png"),
     "bridged_dcb": ("bridged_dcb", "bridged_dcb.png bridged_dcb.md"),
     "lap_joint": ("lap_joint", "lap_joint.png"),
     "push_through": ("push_through", "push_through.png"),

@@ -244,6 +244,21 @@ def measured_images(demo, found):
     assert both["bond.strength"] < 0.3 * alone["bond.strength"]
 
 
+@pytest.mark.long
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="a study of one rank")
+def test_adhesive(out, monkeypatch):
+    """A thin elastic layer hardly changes the force that peels, and halves no stiffness."""
+    import adhesive as study
+
+    chosen = ("interface", "elastic, 0.2 mm")
+    monkeypatch.setattr(study, "LAYERS", {name: study.LAYERS[name] for name in chosen})
+    found = study.main(facet=2.5, out=str(out))
+    bare, glued = (found["peeled"][name]["force"] for name in chosen)
+    assert glued.max() == pytest.approx(bare.max(), rel=0.02)
+    bare, glued = (found["sheared"][name]["force"][0] for name in chosen)
+    assert 0.6 * bare < glued < 0.9 * bare
+
+
 # A published curve of a real beam is not met to the noise, and the facets are coarse: said so.
 @run(long, one_rank, pytest.mark.filterwarnings("ignore:identify"), facet=2.0, every=2)
 def bridged_dcb(demo, found):
