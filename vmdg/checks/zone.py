@@ -152,7 +152,8 @@ class ZoneWatch:
             way = way - (way @ N[n]) * N[n]
             x[n] = way / np.linalg.norm(way)
             moved = history.gap[first] if history.gap[first].any() else history.traction[first]
-            c[n] = max(moved @ q.normal[first], 0.0) ** 2 / (moved @ moved)
+            moved = moved / np.linalg.norm(moved) if moved.any() else N[n]
+            c[n] = max(moved @ q.normal[first], 0.0) ** 2
         along = np.einsum("fci,fi->fc", corners, x)
         size = along.max(axis=1, initial=-np.inf) - along.min(axis=1, initial=np.inf)
         compliance, plate = _stiffness(problem, cells, N, x)

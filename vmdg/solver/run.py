@@ -78,8 +78,8 @@ def agreed(
 class Run:
     """A run within :func:`run_of`.
 
-    Args:
-        interrupted: Raises to end the run; called before every attempt.
+    Attributes:
+        check: Called before every attempt; may raise to end the run; collective.
     """
 
     def __init__(
@@ -93,14 +93,16 @@ class Run:
         rows: _Rows,
     ):
         self.progress, self.krylov = progress, lambda: 0
-        self._interrupted, self._zones = interrupted, ZoneWatch(problem)
+        self._zones = zones = ZoneWatch(problem)
+
+        # Not a method: what calls it would keep the problem.
+        def check() -> None:
+            interrupted()
+            zones.look()
+
+        self.check = check
         self._problem, self._options, self._result = problem, options, result
         self._file, self._rows, self._written = file, rows, len(result.history)
-
-    def check(self) -> None:
-        """Called before every attempt; may raise to end the run; collective."""
-        self._interrupted()
-        self._zones.look()
 
     def add(self, row: Mapping[str, Any], found: Attempt) -> None:
         """Add a row for the current state, to which exceptions return from now on; collective."""
