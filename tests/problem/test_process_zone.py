@@ -95,8 +95,8 @@ def test_strength_that_facets_can_carry(comm):
     carried = P * (LENGTH / need) ** 2
     lower, told = run(beam(comm, 14, 1, largest_strength=carried), loads, **options)
     peaks = [one.history["force"].max() for one in (fine, coarse, lower)]
-    assert peaks[1] > 1.4 * peaks[0]
-    assert peaks[2] == pytest.approx(peaks[0], rel=0.15)
+    assert peaks[1] > 1.5 * peaks[0]
+    assert peaks[2] == pytest.approx(peaks[0], rel=0.2)
     assert not told
 
 

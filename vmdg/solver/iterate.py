@@ -43,6 +43,7 @@ class Iterate:
     Attributes:
         limits: As given, or those of a step that ends at the onset of damage.
         along: Unit tangent of the path there; None while unknown.
+        together: Whether all pieces that begin to fail in the step do so where it ends.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Iterate:
         self.limits, self._dt, self.parameter = limits, dt, parameter_of(problem, system, limits)
         self.start = self.place()
         self.along: Array | None = None
+        self.together = False
         # Facets that open on demand may carry more than their strength when they open.
         watched = limits.onset > 0 and not problem.step.activation
         self.sound = pieces.sound(numbers.small) if watched else Sound()
@@ -120,7 +122,8 @@ class Iterate:
         """Length along a direction at which the damage work is about at its limit, or the full
         length."""
         length, limits, sound = self._shorter(start, way, length), self.limits, self.sound
-        if not sound.points or limits.at_onset or way.t == 0:
+        by_load = way.t == 0 or self._loading.ray is None
+        if not sound.points or limits.at_onset or by_load:
             return length
         self.map(start.plus(way, length))
         if not self._pieces.work(sound.points) > limits.onset:
@@ -128,14 +131,10 @@ class Iterate:
         begun = self._begun(start, way, length)
         self.limits = limits.ending_at_onset()
         onset = self._shorter(start, way, length)
-        bodies = self._discretization.bodies
-        if sound.elastic and limits.work == math.inf and bodies.points is None:
-            # Load control passes the onset if no piece begins before another; a bond may begin
-            # before bodies flow that would spare it.
+        if sound.elastic and self._discretization.bodies.points is None:
+            # A bond may begin before bodies flow that would spare it.
             beyond = onset + self._numbers.small * (length - onset)
-            if np.array_equal(self._begun(start, way, beyond), begun):
-                self.limits = limits
-                return length
+            self.together = np.array_equal(self._begun(start, way, beyond), begun)
         return onset
 
     def _begun(self, start: Direction, way: Direction, length: float) -> Names:

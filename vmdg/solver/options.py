@@ -97,6 +97,8 @@ class PathOptions:
             to an extrapolation of it.
         released: Released energy of a step relative to its damage work, and decrease of the load
             factor relative to the stage, above which a snap is detected.
+        peak: Excess of a maximum of the force between two steps, relative to it, above which a step
+            ends there.
         twice: Fraction of a strength that may be lost a second time where the load falls and comes
             back; above it the snap is jumped over.
         overstress: Initial overstress of a jump, in multiples of H.
@@ -119,6 +121,7 @@ class PathOptions:
     growth: float = 2.0
     cut: float = 0.25
     released: float = 0.05
+    peak: float = 1e-3
     twice: float = 1e-3
     overstress: float = 4.0
     rest: float = 0.02

@@ -18,6 +18,7 @@ from .jump import jump
 from .limit_point import limit_point
 from .limits import ROUNDING, Direction, Limits
 from .options import PathOptions
+from .peak import Place, force_of, share_of_peak
 from .reasons import explained
 from .result import Result, StepFailure
 from .retreat import damage_twice
@@ -118,6 +119,8 @@ class Path:
         """Discard the history of steps: the next one is like that of a resumed run, with continued
         damage."""
         self._size, self._lost = Size(last=Attempt()), False
+        self._places: list[Place] = []
+        self._force = 0.0
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
@@ -198,6 +201,7 @@ class Path:
         """A converged step, after one or more attempts."""
         problem, most_cuts, last = self._problem, self._options.max_cuts, self._size.last
         start, limits, cuts, by_work = problem.t, self._limits(stage), 0, False
+        searches = self._numbers.patience
         while True:
             before = problem.step.snapshot()
             found = self._steps.attempt(limits, last)
@@ -205,8 +209,19 @@ class Path:
                 problem.step.return_to(before)
                 found = found.failed(refusal)
             if found.converged:
-                break
+                share = self._until_peak(stage, start, found) if searches else 1.0
+                if share == 1.0:
+                    break
+                limits, last, searches = self._of_share(limits, found, share), found, searches - 1
+                problem.step.return_to(before)
+                continue
             self._result.failures.append((limits.target, found.reason))
+            scales, begun = problem.step.scales, last is not None and last.together
+            if begun and stage.follows and not scales.breaking:
+                # It softens too steeply for load control.
+                problem.step.scales = replace(scales, breaking=True)
+                limits = self._limits(stage)
+                continue
             cuts += 1
             if cuts > most_cuts and found.reason == "UNSTABLE":
                 # Without an imperfection the body stays on this path.
@@ -238,9 +253,36 @@ class Path:
             raise StepFailure(self._complaint(limits, found.failed("NO_END")), self._result)
         return Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0)
 
+    def _until_peak(self, stage: Stage, start: float, found: Attempt) -> float:
+        """Share of a step at which the force is largest, see :func:`.share_of_peak`; 1 if it is
+        accepted."""
+        problem, numbers = self._problem, self._numbers
+        way = stage.ahead(problem.t, start)
+        if not stage.follows or way <= 0:
+            self._places.clear()
+            return 1.0
+        before = self._places[-1].way if self._places else 0.0
+        length = way / stage.span + (found.work / stage.most if stage.most else 0.0)
+        here = Place(before + length, force_of(problem))
+        share = share_of_peak(self._places, here, self._force, numbers.peak)
+        if share == 1.0:
+            # A kink of the path.
+            self._places = [*([] if found.onset else self._places[-1:]), here]
+            self._force = max(self._force, here.force)
+        return share
+
+    def _of_share(self, limits: Limits, found: Attempt, share: float) -> Limits:
+        """Limits of a share of a step."""
+        if limits.work < math.inf and found.work > limits.onset:
+            return replace(limits, work=max(share * found.work, limits.onset))
+        return replace(limits, target=limits.start + share * found.ahead.t)
+
     def _limits(self, stage: Stage) -> Limits:
         size, scales = self._size, self._problem.step.scales
-        limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
+        # An onset whose work is lost in rounding is passed.
+        stays = size.last is not None and size.last.onset and size.last.work == 0
+        onset = 0.0 if stays else self._numbers.small * stage.most
+        limits = Limits(self._problem.t, stage.target, stage.span, onset)
         if stage.follows:
             if self._stalls(stage):
                 # For example if all contact slides, neither damage work nor arc length makes
@@ -300,7 +342,8 @@ class Path:
         if found.onset and self._problem.discretization.bodies.points:
             # Bodies flow or bonds soften: a large step finds the second before its time.
             work = limits.onset / numbers.rest
-        breaks = step.scales.breaking or found.onset or (cuts > 0 and stage.follows)
+        begins = found.onset and not found.together
+        breaks = step.scales.breaking or begins or (cuts > 0 and stage.follows)
         work, breaks = min(work, stage.most or math.inf), breaks or self._by_work
         step.scales = replace(step.scales, work=work, breaking=breaks)
         stride = math.inf
@@ -394,14 +437,26 @@ class Path:
         Returns:
             The remaining stage; None if there is neither.
         """
-        part = self._leap(stage, crest)
+        top, found = self._top(stage, crest)
+        if found is not None:
+            self._problem.step.return_to(top)
+            yield Part(top.t, stage.done(top.t), top.t - crest.limit.t, found, 0, 0)
+        part = self._leap(stage, crest, top)
         if part is not None:
             yield part
             return stage.behind_jump(part.t, self._numbers)
         yield from self._rows(crest.kept)
         return replace(stage, traces=True) if crest.kept else None
 
-    def _leap(self, stage: Stage, crest: Crest) -> Part | None:
+    def _top(self, stage: Stage, crest: Crest) -> tuple[Snapshot, Attempt | None]:
+        """The limit point, and the step that ended there if it is not a row."""
+        if not crest.kept:
+            return crest.limit, None
+        part, behind = crest.kept[0]
+        way = stage.target - stage.start
+        return limit_point(self._steps, crest.last, crest.limit, (behind, part.attempt), way)
+
+    def _leap(self, stage: Stage, crest: Crest, top: Snapshot) -> Part | None:
         """Jump from the limit point to the next equilibrium at its load; None, and undone, if there
         is none.
 
@@ -414,9 +469,6 @@ class Path:
             return self._jump(stage, there, limit, limit) or self._jump(
                 stage, stage.target, limit, limit
             )
-        part, behind = crest.kept[0]
-        beyond, way = (behind, part.attempt), stage.target - stage.start
-        top = limit_point(self._steps, crest.last, limit, beyond, way)
         found = self._jump(stage, top.t, top, self._beyond(stage, crest, top))
         if found is None:
             self._problem.step.return_to(crest.kept[-1][1])
@@ -450,4 +502,5 @@ class Path:
             self._result.failures.append((t, found.reason))
             return None
         self._size = Size()
+        self._places.clear()
         return Part(t, stage.done(t), 0.0, found, 0, count)
