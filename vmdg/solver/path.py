@@ -212,8 +212,10 @@ class Path:
                 share = self._until_peak(stage, start, found) if searches else 1.0
                 if share == 1.0:
                     break
-                limits, last, searches = self._of_share(limits, found, share), found, searches - 1
+                limits, searches = self._of_share(limits, found, share), searches - 1
+                opened = problem.discretization is not before.discretization
                 problem.step.return_to(before)
+                last = last if opened else found  # whose displacement is that of another space
                 continue
             self._result.failures.append((limits.target, found.reason))
             scales, begun = problem.step.scales, last is not None and last.together
