@@ -100,7 +100,8 @@ class PathOptions:
         peak: Excess of a maximum of the force between two steps, relative to it, above which a step
             ends there.
         twice: Fraction of a strength that may be lost a second time where the load falls and comes
-            back; above it the snap is jumped over.
+            back, and of the damage work there that friction and flow may take on the way back;
+            above it the snap is jumped over.
         overstress: Initial overstress of a jump, in multiples of H.
         rest: Overstress at which a jump is nearly complete, and relative reduction of the residual
             that counts as negligible.

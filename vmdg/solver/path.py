@@ -21,7 +21,7 @@ from .options import PathOptions
 from .peak import Place, force_of, share_of_peak
 from .reasons import explained
 from .result import Result, StepFailure
-from .retreat import damage_twice
+from .retreat import done_twice
 from .steps import Steps
 
 
@@ -161,10 +161,11 @@ class Path:
                 stage = self._set_out(target)
 
     def _lost_twice(self, crest: Crest, states: Sequence[Snapshot] = ()) -> NDArray[np.float64]:
-        """:func:`.damage_twice` in states beyond a limit point, by default the buffered ones;
+        """:func:`.done_twice` in states beyond a limit point, by default the buffered ones;
         collective."""
         before = crest.last[0] if crest.last else crest.limit
-        return damage_twice(before, crest.limit, states or [state for _, state in crest.kept])
+        states = states or [state for _, state in crest.kept]
+        return done_twice(before, crest.limit, states, self._numbers.small)
 
     def _rows(self, kept: list[tuple[Part, Snapshot]]) -> Iterator[Part]:
         for part, state in kept:
@@ -369,7 +370,11 @@ class Path:
             return ""
         # Under load control a step may converge to a state off the path. It then releases energy,
         # or takes it up if it is far, apart from points that begin to yield within the step.
-        far = found.work > stage.most or stage.ahead(before.t, t) > 0
+        back = stage.ahead(before.t, t) > 0
+        # Where nothing fails the load does not turn, but another onset may be behind the start.
+        if found.onset and back and limits.arc_length == math.inf:
+            return "JUMPED"
+        far = found.work > stage.most or back
         if found.work > 0 and not found.onset and (far or limits.by_load_alone):
             step.ledger.complete(numbers.released / 2 * found.work)
             released = self._released(before) / found.work
