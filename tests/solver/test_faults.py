@@ -101,7 +101,7 @@ def test_numbers(comm):
     """Of Python, of numpy, and a Constant of UFL as it is then."""
     monitor = lambda p: {"p": p.load_factor, "n": np.float32(2), "a": np.array(3), "b": True}  # noqa: E731
     rows = vmdg.solve(pulled(comm), LOADS, monitor=monitor).history.rows
-    assert [row["p"] for row in rows] == [row["load"] for row in rows]
+    assert [row["p"] for row in rows] == pytest.approx(LOADS)
     assert {type(rows[0][name]) for name in "pnab"} == {float, int, bool}
 
 
@@ -134,7 +134,7 @@ def test_functions_that_do_more_than_look(comm):
             vmdg.solve(problem, [0.5])
 
     found = vmdg.solve(pulled(comm), LOADS, monitor=solve).history
-    assert np.isin(LOADS, found["load"]).all()
+    assert found["load"] == pytest.approx(LOADS)
 
     def move(problem: vmdg.Problem) -> None:
         problem.u.x.array[:] *= 2
@@ -142,7 +142,7 @@ def test_functions_that_do_more_than_look(comm):
     with pytest.raises(ValueError, match="monitor has changed the problem"):
         vmdg.solve(problem, LOADS, monitor=move)
     assert not problem.u.x.array.any()
-    assert np.isin(LOADS, vmdg.solve(problem, LOADS).history["load"]).all()
+    assert len(vmdg.solve(problem, LOADS).history) == len(LOADS)
 
     def hold(problem: vmdg.Problem) -> None:
         problem.dirichlet_points(lambda x: np.isclose(x[0], 0.0), 0.0, "y")
@@ -217,7 +217,7 @@ def test_share_that_raises_on_one_rank(comm):
     """Of a fluid, between two steps."""
 
     def share(width: np.ndarray) -> np.ndarray:
-        if last(comm) and problem.t > 0.018:
+        if last(comm) and problem.t > 0.015:
             raise FloatingPointError("too wide")
         return np.ones_like(width)
 

@@ -148,8 +148,8 @@ class History:
     def peak(self, column: str = "load") -> float:
         """The largest value of a column, in its unit.
 
-        A run has rows where bonds begin to fail and where the load turns back, between any given
-        load factors, so that a peak with a kink does not depend on their number.
+        A run has rows between the given load factors where the force on the supports is largest and
+        where the load turns back, so that a peak hardly depends on their number.
 
         Raises:
             KeyError: there is no such column.

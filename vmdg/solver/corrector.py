@@ -159,7 +159,7 @@ class _Newton:
             end=self._iterate.parameter.value,
             slope=self._slope,
             onset=self._iterate.limits.at_onset,
-            together=self._iterate.together,
+            passed=self._iterate.passed,
         )
 
     # Predictor

@@ -43,7 +43,7 @@ class Iterate:
     Attributes:
         limits: As given, or those of a step that ends at the onset of damage.
         along: Unit tangent of the path there; None while unknown.
-        together: Whether all pieces that begin to fail in the step do so where it ends.
+        passed: Force on the supports at an onset that the step passes [N]; -inf for none.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Iterate:
         self.limits, self._dt, self.parameter = limits, dt, parameter_of(problem, system, limits)
         self.start = self.place()
         self.along: Array | None = None
-        self.together = False
+        self.passed = -math.inf
         # Facets that open on demand may carry more than their strength when they open.
         watched = limits.onset > 0 and not problem.step.activation
         self.sound = pieces.sound(numbers.small) if watched else Sound()
@@ -122,8 +122,7 @@ class Iterate:
         """Length along a direction at which the damage work is about at its limit, or the full
         length."""
         length, limits, sound = self._shorter(start, way, length), self.limits, self.sound
-        by_load = way.t == 0 or self._loading.ray is None
-        if not sound.points or limits.at_onset or by_load:
+        if not sound.points or limits.at_onset or way.t == 0:
             return length
         self.map(start.plus(way, length))
         if not self._pieces.work(sound.points) > limits.onset:
@@ -131,11 +130,24 @@ class Iterate:
         begun = self._begun(start, way, length)
         self.limits = limits.ending_at_onset()
         onset = self._shorter(start, way, length)
-        if sound.elastic and self._discretization.bodies.points is None:
-            # A bond may begin before bodies flow that would spare it.
+        bodies = self._discretization.bodies
+        by_load = limits.work == math.inf and not limits.kinks
+        if sound.elastic and by_load and bodies.points is None:
+            # Load control passes the onset if no piece begins before another; a bond may begin
+            # before bodies flow that would spare it.
             beyond = onset + self._numbers.small * (length - onset)
-            self.together = np.array_equal(self._begun(start, way, beyond), begun)
+            if np.array_equal(self._begun(start, way, beyond), begun):
+                self.limits = limits
+                self._pass(start.plus(way, onset))
+                return length
         return onset
+
+    def _pass(self, place: Direction) -> None:
+        """Note the force at the first onset that a step passes, where it is elastic so far."""
+        if self.passed == -math.inf and self._loading.ray is not None:
+            self.map(place)
+            self._problem.discretization.assemble_residual(None, False, self._loading.vector)
+            self.passed = force_of(self._problem)
 
     def _begun(self, start: Direction, way: Direction, length: float) -> Names:
         self.map(start.plus(way, length))
@@ -248,3 +260,13 @@ class Iterate:
             dofs = discretization.means.owned_dofs
             held[dofs] = forces[dofs] + loading.vector[dofs]
         return global_norm(self._comm, np.append(held, discretization.surface.spring_forces()))
+
+
+def force_of(problem: Problem) -> float:
+    """Power of the supports by load factor, relative to the norm of their displacement by it, in
+    the present state of a ray; 0 where they do not move; collective [N]."""
+    loading, comm = problem.loading, problem.comm
+    rate = loading.rate()
+    size = global_norm(comm, rate)
+    forces = problem.discretization.forces.x.array[: len(rate)]
+    return float(global_sum(comm, forces @ rate)) / size if size > 0 else 0.0

@@ -18,7 +18,7 @@ from .jump import jump
 from .limit_point import limit_point
 from .limits import ROUNDING, Direction, Limits
 from .options import PathOptions
-from .peak import Place, force_of, share_of_peak
+from .peak import Peaks
 from .reasons import explained
 from .result import Result, StepFailure
 from .retreat import done_twice
@@ -119,8 +119,7 @@ class Path:
         """Discard the history of steps: the next one is like that of a resumed run, with continued
         damage."""
         self._size, self._lost = Size(last=Attempt()), False
-        self._places: list[Place] = []
-        self._force = 0.0
+        self._peaks = Peaks(self._steps)
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
@@ -133,7 +132,7 @@ class Path:
         while True:
             before = step.snapshot()
             try:
-                part = self._next(stage)
+                part, peak = self._next(stage)
             except StepFailure:
                 crest.limit = crest.limit or before
                 after = None if stage.traces else (yield from self._snap(stage, crest))
@@ -144,7 +143,11 @@ class Path:
                 turned = crest.limit is not None or stage.ahead(part.t, before.t) < 0
                 if not (stage.follows and turned) or stage.traces:
                     crest.last = (before, part.attempt)
-                    yield part
+                    if peak:
+                        peak.append((part, step.snapshot()))
+                        yield from self._rows(peak)
+                    else:
+                        yield part
                 else:
                     crest.limit = crest.limit or before
                     crest.kept.append((part, step.snapshot()))
@@ -182,7 +185,9 @@ class Path:
         small = problem.discretization.bodies.small
         bends = most > 0 or not (small or step.activation)
         follows = not by_load and bends and loading.set_ray(start, target)
-        if not follows:
+        if follows:
+            self._peaks.face(loading.rate())
+        else:
             loading.clear_ray()
         # Loads may reverse while the load factor increases. Damaged bonds then unload without
         # damage work, so the stage starts under load control.
@@ -198,11 +203,10 @@ class Path:
 
     # One step
 
-    def _next(self, stage: Stage) -> Part:
-        """A converged step, after one or more attempts."""
+    def _next(self, stage: Stage) -> tuple[Part, list[tuple[Part, Snapshot]]]:
+        """A converged step, after one or more attempts, and the peak inside it, if there is one."""
         problem, most_cuts, last = self._problem, self._options.max_cuts, self._size.last
         start, limits, cuts, by_work = problem.t, self._limits(stage), 0, False
-        searches = self._numbers.patience
         while True:
             before = problem.step.snapshot()
             found = self._steps.attempt(limits, last)
@@ -210,21 +214,8 @@ class Path:
                 problem.step.return_to(before)
                 found = found.failed(refusal)
             if found.converged:
-                share = self._until_peak(stage, start, found) if searches else 1.0
-                if share == 1.0:
-                    break
-                limits, searches = self._of_share(limits, found, share), searches - 1
-                opened = problem.discretization is not before.discretization
-                problem.step.return_to(before)
-                last = last if opened else found  # whose displacement is that of another space
-                continue
+                break
             self._result.failures.append((limits.target, found.reason))
-            scales, begun = problem.step.scales, last is not None and last.together
-            if begun and stage.follows and not scales.breaking:
-                # It softens too steeply for load control.
-                problem.step.scales = replace(scales, breaking=True)
-                limits = self._limits(stage)
-                continue
             cuts += 1
             if cuts > most_cuts and found.reason == "UNSTABLE":
                 # Without an imperfection the body stays on this path.
@@ -254,38 +245,18 @@ class Path:
         if self._size.idle > self._numbers.idle:
             problem.step.return_to(before)
             raise StepFailure(self._complaint(limits, found.failed("NO_END")), self._result)
-        return Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0)
-
-    def _until_peak(self, stage: Stage, start: float, found: Attempt) -> float:
-        """Share of a step at which the force is largest, see :func:`.share_of_peak`; 1 if it is
-        accepted."""
-        problem, numbers = self._problem, self._numbers
-        way = stage.ahead(problem.t, start)
-        if not stage.follows or way <= 0:
-            self._places.clear()
-            return 1.0
-        before = self._places[-1].way if self._places else 0.0
-        length = way / stage.span + (found.work / stage.most if stage.most else 0.0)
-        here = Place(before + length, force_of(problem))
-        share = share_of_peak(self._places, here, self._force, numbers.peak)
-        if share == 1.0:
-            # A kink of the path.
-            self._places = [*([] if found.onset else self._places[-1:]), here]
-            self._force = max(self._force, here.force)
-        return share
-
-    def _of_share(self, limits: Limits, found: Attempt, share: float) -> Limits:
-        """Limits of a share of a step."""
-        if limits.work < math.inf and found.work > limits.onset:
-            return replace(limits, work=max(share * found.work, limits.onset))
-        return replace(limits, target=limits.start + share * found.ahead.t)
+        part, peak = Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0), []
+        if stage.follows and (
+            inside := self._peaks.inside(before, limits, last, found, stage.most)
+        ):
+            attempt, state = inside
+            row = Part(state.t, stage.done(state.t), state.t - start, attempt, 0, 0)
+            peak.append((row, state))
+        return part, peak
 
     def _limits(self, stage: Stage) -> Limits:
         size, scales = self._size, self._problem.step.scales
-        # An onset whose work is lost in rounding is passed.
-        stays = size.last is not None and size.last.onset and size.last.work == 0
-        onset = 0.0 if stays else self._numbers.small * stage.most
-        limits = Limits(self._problem.t, stage.target, stage.span, onset)
+        limits = Limits(self._problem.t, stage.target, stage.span, self._numbers.small * stage.most)
         if stage.follows:
             if self._stalls(stage):
                 # For example if all contact slides, neither damage work nor arc length makes
@@ -345,8 +316,7 @@ class Path:
         if found.onset and self._problem.discretization.bodies.points:
             # Bodies flow or bonds soften: a large step finds the second before its time.
             work = limits.onset / numbers.rest
-        begins = found.onset and not found.together
-        breaks = step.scales.breaking or begins or (cuts > 0 and stage.follows)
+        breaks = step.scales.breaking or found.onset or (cuts > 0 and stage.follows)
         work, breaks = min(work, stage.most or math.inf), breaks or self._by_work
         step.scales = replace(step.scales, work=work, breaking=breaks)
         stride = math.inf
@@ -509,5 +479,5 @@ class Path:
             self._result.failures.append((t, found.reason))
             return None
         self._size = Size()
-        self._places.clear()
+        self._peaks.leave()
         return Part(t, stage.done(t), 0.0, found, 0, count)
