@@ -53,3 +53,18 @@ def test_peak_of_a_bundle(comm, seed):
         return np.where(stress <= strengths, stress, soft).sum()
 
     assert history.peak("force") == pytest.approx(max(map(carried, strengths)), rel=1e-5)
+
+
+def test_derivatives_at_a_peak(comm):
+    """The peak is the strength, whatever E is; its row moves with the onset."""
+    problem = bar.with_law(comm, LAWS["ductile"], "small")
+    right = lambda x: np.isclose(x[0], 2.0)  # noqa: E731
+    look = lambda p: {"force [N]": p.reaction(right)[0]}  # noqa: E731
+    names = ["Debonding.strength", "NeoHookean.E"]
+    history = vmdg.solve(problem, [0.02, 0.05, 0.15], monitor=look, derivatives=names).history
+    row = int(np.argmax(history["force"]))
+    assert history["load"][row] not in (0.02, 0.05, 0.15)
+    assert history["d force/d Debonding.strength"][row] == pytest.approx(1.0, rel=1e-6)
+    # By a factor on both E.
+    assert history["d force/d NeoHookean.E"][row] == pytest.approx(0.0, abs=1e-6 * STRENGTH)
+    assert np.isin([0.02, 0.05, 0.15], history["load"]).all()

@@ -97,7 +97,7 @@ class PathOptions:
             to an extrapolation of it.
         released: Released energy of a step relative to its damage work, and decrease of the load
             factor relative to the stage, above which a snap is detected.
-        peak: Excess of a smooth maximum of the force inside a step, relative to it, above which it is
+        peak: Excess of a smooth maximum of the force in a step, relative to it, above which it is
             a row.
         twice: Fraction of a strength that may be lost a second time where the load falls and comes
             back, and of the damage work there that friction and flow may take on the way back;
