@@ -50,7 +50,9 @@ def test_reactions_balance_in_every_row(comm):
     assert history["off"].max() < 1e-7
 
 
-@pytest.mark.filterwarnings("ignore:Against:vmdg.ModelWarning")  # a corner comes loose on the way
+# A corner comes loose on the way, and facets are 13 % too long for the process zone.
+@pytest.mark.filterwarnings("ignore:Against:vmdg.ModelWarning")
+@pytest.mark.filterwarnings("ignore:.*process zone:vmdg.ModelWarning")
 @pytest.mark.parametrize("steps", [24])
 def test_brittle_plate_parts(comm, steps):
     """Facets open along a path that snaps, also in steps that pass a given load factor."""

@@ -44,6 +44,7 @@ def torn(comm, cell: str) -> vmdg.Problem:
     return problem
 
 
+@pytest.mark.filterwarnings("ignore:.*process zone:vmdg.ModelWarning")  # two cells
 @CELLS
 def test_files(comm, out, cell):
     """One file for the bodies, one for the interface, and all fields in them."""
@@ -71,6 +72,7 @@ def test_files(comm, out, cell):
         assert (interface[name] > 0).all()
 
 
+@pytest.mark.filterwarnings("ignore:.*process zone:vmdg.ModelWarning")  # two cells
 @CELLS
 def test_interface_fields(comm, cell):
     """Facet values hold the integrals of the points, corners have the displacement of side 1."""

@@ -271,7 +271,8 @@ def test_animation(comm, out):
         snapshots.append(problem.snapshot())
         return {"force": problem.reaction(right)[0]}
 
-    history = vmdg.solve(problem, [0.05, 0.1, 0.2], monitor=monitor).history
+    by_load = vmdg.SolveOptions(control="load")
+    history = vmdg.solve(problem, [0.05, 0.1, 0.2], by_load, monitor).history
     end = problem.u.x.array.copy()
     plot.animate(
         out / "a" / "film.gif", problem, snapshots, history, "load", "force", fps=2, dpi=40

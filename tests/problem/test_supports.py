@@ -73,7 +73,7 @@ def test_held_where_it_comes_to_rest(comm):
         history = vmdg.solve(problem, [0.05, 0.1, 0.15], options).history
         assert not stabilize_pieces(problem)
     assert comm.rank > 0 or len(said) == 1
-    assert list(history["load"]) == [0.05, 0.1, 0.15]
+    assert np.isin([0.05, 0.1, 0.15], history["load"]).all()
     point = problem.state[0]
     assert abs(point.opening[point.softening == 0]).max(initial=0.0) < 1e-12
     assert problem.energy().stored == pytest.approx(0.0, abs=1e-12)

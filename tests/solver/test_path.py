@@ -125,7 +125,7 @@ def test_energy_is_not_known_beyond_rounding(comm):
     problem = bar.with_law(comm, vmdg.Debonding(2.4e-4, 1.1e-7))
     loads = 5e-7 * np.arange(1, 12) / 11
     result = vmdg.solve(problem, loads, monitor=bar.means)
-    assert np.array_equal(result.history["load"], loads)
+    assert np.isin(loads, result.history["load"]).all()
     assert not result.failures
     assert abs(result.history["traction"][-1]) < 1e-6 * 2.4e-4
 

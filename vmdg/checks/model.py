@@ -20,7 +20,6 @@ from ..problem.motion import moving
 from ..problem.problem import Problem
 from .standing import falling
 from .supports import LoosePart, in_words, loose_among, loose_parts, parts_of
-from .zone import process_zones
 
 #: Strength relative to r h, the stiffness of the cells at an interface: smallest plausible value (a
 #: modulus in Pa with a strength in MPa is below), and largest usual value.
@@ -68,12 +67,9 @@ def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = Fal
     _check_gradient(problem, float(loads[0]))
     first, last = (problem.loading.dirichlet.conflict(float(t)) for t in (loads[0], loads[-1]))
     warn_together(problem.comm, first or last)
-    steep = set()
-    for number, active in problem.discretization.active.items():
-        if active.law.inelastic and _check_proportions(problem, active):
-            steep.add(number)
-    if not global_any(problem.comm, bool(problem.u.x.array.any())):
-        _check_zones(problem, steep)
+    for active in problem.discretization.active.values():
+        if active.law.inelastic:
+            _check_proportions(problem, active)
     return rests_on_contact
 
 
@@ -275,8 +271,8 @@ def rated(problem: Problem) -> bool:
 # Proportions
 
 
-def _check_proportions(problem: Problem, active: ActiveInterface) -> bool:
-    """Warn about implausible numbers; return whether the law is far too steep for the facets."""
+def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
+    """Warn about implausible numbers."""
     law, comm, message = active.facets.law, problem.comm, None
     if (roughest := np.max(law.friction, initial=0.0)) > ROUGHEST:
         message = (
@@ -286,8 +282,9 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> bool:
         )
     warn_together(comm, message)
     if not law.has_bond:
-        return False
-    steep, stiffness = _check_softening(comm, active), _moduli(active)
+        return
+    _check_softening(comm, active)
+    stiffness = _moduli(active)
     softest = -global_max(comm, float(-stiffness.min(initial=np.inf)))
     size = box_sides(problem.mesh).max()
     strength = np.min(law.strength, initial=np.inf)
@@ -307,7 +304,6 @@ def _check_proportions(problem: Problem, active: ActiveInterface) -> bool:
             "and the strength before the critical gap"
         )
     warn_together(comm, message)
-    return steep
 
 
 def _moduli(active: ActiveInterface) -> NDArray[np.float64]:
@@ -339,47 +335,11 @@ def check_duration(problem: Problem, duration: float) -> None:
     warn_together(problem.comm, message)
 
 
-def _check_zones(problem: Problem, steep: set[int]) -> None:
-    """Warn once about facets whose point distance exceeds the length of the process zone.
-
-    Args:
-        steep: Interfaces with an earlier warning for the same reason.
-    """
-    k, comm, worst = problem.space.ufl_element().degree, problem.comm, 1.0
-    found = None
-    for number, zones in process_zones(problem).items():
-        apart = zones.edge / (k + 1) / zones.length
-        largest = global_max(comm, float(apart.max(initial=0.0)))
-        if number in steep or largest <= worst:
-            continue
-        worst, message = largest, None
-        if apart.max(initial=0.0) == largest:
-            f = np.argmax(apart)
-            edge, length, t = (
-                float(values[f]) for values in (zones.edge, zones.length, zones.thickness)
-            )
-            reason = (
-                "E' G_c/P_c^2"
-                if t == np.inf
-                else f"sqrt(E' t G_c)/P_c with an adjacent part of t = {t:.3g} mm"
-            )
-            message = (
-                f"{problem.step.activation.facets[number].label}: facets of {edge:.3g} mm are too "
-                f"long for the process zone of a crack, {length:.3g} mm or less, {reason}: a crack "
-                "may not grow although it should, since the bond resists far beyond its fracture "
-                f"energy. Use facets of about {k * length / 3:.2g} mm where it grows, or a lower "
-                "strength with the same fracture energy, which hardly affects cracks (ignore this "
-                "if the interface fails at once, without crack growth)"
-            )
-        found = message
-    warn_together(comm, found)
-
-
-def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> bool:
+def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> None:
     """Warn about facets far too coarse for H, which the r of ``safety="auto"`` exceeds on any
     mesh."""
     if not active.stabilizer.automatic:
-        return False
+        return
     extent = active.quadrature.extent
     H = np.broadcast_to(active.facets.law.softening_modulus, extent.shape)
     share = active.stabilization.norm / active.stabilization.safety / H
@@ -400,4 +360,3 @@ def _check_softening(comm: MPI.Comm, active: ActiveInterface) -> bool:
                 "cannot be as small as usual"
             )
     warn_together(comm, message)
-    return worst < 1 / SUSPICIOUS_RATIO

@@ -1,35 +1,44 @@
-"""Length of process zones at crack tips, compared with the distance of the points that resolve
-them.
+"""Length of the process zone where a crack grows, compared with the facets that resolve it.
 
-Softening takes place in a zone ahead of a crack. In large bodies the zone of a growing crack is
-about as long as the characteristic length of Hillerborg, Modeer and Petersson (1976, Cement and
-Concrete Research 6, 773),
+Softening takes place in a zone ahead of a crack, where the bond carries tractions of the order of
+its strength P up to gaps of the order of 2 G/P, with G its fracture energy. The zone is as long as
+it must be for the bodies of both sides, i = 1, 2, to give way by this gap under these tractions,
 
-    l = E' G_c / P_c^2,
+    l_p = ((2 G/P^2)/(c_1 + c_2))^(1/p),
 
-shorter by a factor of 0.2 to 0.9 depending on the shape of the curve (Turon, Davila, Camanho and
-Costa 2007, Engineering Fracture Mechanics 74, 1665, Table 1); between two materials 2/E' = 1/E'_1 +
-1/E'_2. An adjacent part of thickness t < l acts as a beam on the bond (Suo, Bao and Fan 1992,
-Journal of the Mechanics and Physics of Solids 40, 1; Bao and Suo 1992, Applied Mechanics Reviews
-45, 355). Where it slides, its force N follows from the shear stress of the bond, dN/dx = tau, and
-the slip from its strain, d(slip)/dx = N/(E' t). With tau of the order of P_c, up to slips of the
-order of G_c/P_c,
+with a power p and compliances c of
 
-    l_s = (E' t G_c)^(1/2) / P_c = (l t)^(1/2).
+    1, 1/E'             large bodies: l_1 = E' G/P^2 (Hillerborg, Modeer and Petersson 1976, Cement
+                        and Concrete Research 6, 773),
+    4, 12/(E_x t^3)     a plate of thickness t that bends, E_x t^3/12 d4w/dx4 = -P (Suo, Bao and
+                        Fan 1992, Journal of the Mechanics and Physics of Solids 40, 1),
+    2, 1/(E_x t)        a plate that slides, E_x t d2u/dx2 = P.
 
-Where it opens it bends, E' t^3/12 d4w/dx4 = -sigma, which gives l^1/4 t^3/4 in the same way, less
-than l_s for t < l. So min(l, l_s) is an upper bound, with the larger l of opening and shear: if it
-is too short for a mesh, the zone is even shorter.
+In opening it is the smaller one of l_1 and l_4, in shear of l_1 and l_2, with P and G of the mode.
+x is the direction in which the crack grows. With the moduli A, and m = x cos a + N sin a,
+n = N cos a - x sin a,
 
-A facet of degree k has k + 1 points along a crack. If the zone is shorter than their distance, a
-point reaches its strength without load sharing by those behind it: the bond resists far beyond its
-fracture energy. Three facets of degree 1 in the zone give the fracture energy (Turon et al., who
-reduce P_c at the same G_c for coarse meshes).
+    H(a) = Q - R.T^-1.R^T,  Q_ik = A_ijkl m_j m_l,  R_ik = A_ijkl m_j n_l,  T_ik = A_ijkl n_j n_l
+
+is the stiffness of a thin layer along m with free faces, E_x = x.H(0).x, and the diagonal of L^-1,
+L the mean of H over a, is 2/E' in opening and in shear (the tensor L of Barnett and Lothe; Ting
+1996, Anisotropic Elasticity, section 7.6). For isotropic bodies E_x = E' = E/(1 - nu^2).
+
+A facet of degree k and length h has k + 1 points along x. With fewer than three in the zone,
+
+    y = 3 h/((k + 1) l) > 1,
+
+a point reaches its strength without the others: the bond resists beyond its fracture energy (Turon,
+Davila, Camanho and Costa 2007, Engineering Fracture Mechanics 74, 1665, whose remedy is a lower
+strength with the same energy, here such that y = 1). Double cantilever beams and beams in shear,
+isotropic and orthotropic, of degree 1 and 2, have peaks higher by 0.04 y^2 to 0.09 y^2 up to y = 4
+(`demos/ACCURACY.md`).
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
+from weakref import WeakSet
 
 import basix
 import numpy as np
@@ -39,100 +48,224 @@ from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
 from ..assembly.space import node_pieces
-from ..base.parallel import global_box, global_sum
+from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..domain.moduli import RegionExpressions
 from ..domain.shapes import GeometryMap, determinants
 from ..forms import kinematics
 from ..forms.kinematics import Body
+from ..interface.active import ActiveInterface
 from ..laws.base import separation
-from ..points.facets import InterfaceFacets
 from ..problem.problem import Problem
 
 Array = NDArray[np.float64]
 
-#: Number of facets along an interface below which no crack growth is assumed.
-FACETS = 4
+#: Traction relative to the strength below which a bond is sound.
+CARRIED = 0.5
 
-#: Strength relative to E' above which bonds are assumed unbreakable.
-STRONG = 0.1
+#: y above which a facet is too long: the numbers that a warning names are rounded.
+TOLD = 1.01
+
+#: Excess of a peak, relative to y^2, and the y up to which it was measured.
+EXCESS, MEASURED = 0.07, 4.0
+
+#: Number of angles of the mean of H, which is periodic: the trapezoidal rule converges fast.
+ANGLES = 24
+
+#: Bulk modulus with mean dilatation, relative to the largest of the moduli, which are deviatoric.
+INCOMPRESSIBLE = 1e4
+
+#: Problems with a warning.
+_told: WeakSet[Problem] = WeakSet()
 
 
 class Zones(NamedTuple):
-    """Process zones at the owned facets of an interface.
+    """Process zones at facets in which a crack tip is.
 
     Attributes:
-        length: Upper bound (nf,) [mm].
-        thickness: Thickness of a thin adjacent part, inf if there is none (nf,) [mm].
-        edge: Shortest one of the facets (nf,) [mm].
+        length: l (n,) [mm].
+        size: h (n,) [mm].
+        thickness: t where a plate makes l short, else inf (n,) [mm].
+        strength: That with y = 1 at the same fracture energy, relative to the given one (n,).
+        y: Of the module (n,).
     """
 
     length: Array
+    size: Array
     thickness: Array
-    edge: Array
+    strength: Array
+    y: Array
 
 
-def process_zones(problem: Problem) -> dict[int, Zones]:
-    """Zones of all interfaces with a bond, by their number; collective."""
-    chosen = {
-        i: facets for i, facets in enumerate(problem.step.activation.facets) if facets.law.has_bond
-    }
-    if not chosen:
-        return {}
-    cells = np.unique(np.concatenate([facets.cells.ravel() for facets in chosen.values()]))
-    E = _moduli(problem, cells)
-    return {i: _zones(problem, i, facets, E) for i, facets in chosen.items()}
+class ZoneWatch:
+    """Warns once in the life of a problem where a crack grows, or on a finer mesh would grow, along
+    facets that are too long."""
+
+    def __init__(self, problem: Problem):
+        self._problem, self._thickness = problem, {}
+        # By interface and facet the load from which it is told, inf where it is short enough.
+        self._known: dict[int, dict[int, float]] = {}
+
+    def look(self) -> None:
+        """Warn if the tip of a crack is in a facet that is too long; collective."""
+        problem, worst, message = self._problem, TOLD, None
+        if problem in _told:
+            return
+        for number, active in problem.discretization.active.items():
+            if not active.law.has_bond:
+                continue
+            tips, loads = _tips(active)
+            known = self._known.setdefault(number, {})
+            new = np.array([f for f in tips if f not in known], dtype=np.int32)
+            if global_any(problem.comm, len(new) > 0):
+                for f, y in zip(new, self._zones(number, active, new).y, strict=True):
+                    known[f] = max(1 / (1 + EXCESS * y**2), CARRIED) if y > TOLD else np.inf
+            told = tips[
+                np.array([a >= known[f] for f, a in zip(tips, loads, strict=True)], dtype=bool)
+            ]
+            if not global_any(problem.comm, len(told) > 0):
+                continue
+            zones = self._zones(number, active, told)
+            largest = global_max(problem.comm, float(zones.y.max(initial=0.0)))
+            if largest > worst:
+                worst, mine = largest, zones.y.max(initial=0.0) == largest
+                message = self._words(number, zones) if mine else None
+        if worst > TOLD:
+            _told.add(problem)
+            warn_together(problem.comm, message)
+
+    def _zones(self, number: int, active: ActiveInterface, tips: NDArray[np.int32]) -> Zones:
+        """Zones of some facets; collective."""
+        problem, d, k = self._problem, active.quadrature.d, self._problem.space.ufl_element().degree
+        facets, q, history = active.facets, active.quadrature, active.history
+        if number not in self._thickness:
+            self._thickness[number] = _thickness(problem, number)
+        place, load = facets.facets[q.facet], _load(active)
+        rows = np.array([np.flatnonzero(facets.facets == f)[0] for f in tips], dtype=np.intp)
+        cells, corners = facets.cells[rows], _corners(problem.mesh, tips)[:, :, :d]
+        N, x, c = np.zeros((len(tips), d)), np.zeros((len(tips), d)), np.zeros(len(tips))
+        for n, f in enumerate(tips):
+            points = np.flatnonzero(place == f)
+            mean = q.normal[points].mean(axis=0)
+            N[n] = mean / np.linalg.norm(mean)
+            first, last = (points[find(load[points])] for find in (np.argmax, np.argmin))
+            way = (q.points[last] - q.points[first])[:d]
+            way = way - (way @ N[n]) * N[n]
+            x[n] = way / np.linalg.norm(way)
+            moved = history.gap[first] if history.gap[first].any() else history.traction[first]
+            moved = moved / np.linalg.norm(moved) if moved.any() else N[n]
+            c[n] = max(moved @ q.normal[first], 0.0) ** 2
+        along = np.einsum("fci,fi->fc", corners, x)
+        size = along.max(axis=1, initial=-np.inf) - along.min(axis=1, initial=np.inf)
+        compliance, plate = _stiffness(problem, cells, N, x)
+        t = self._thickness[number][cells]
+        law, need = facets.law.at(rows), 3 * size / (k + 1)
+        length, strength, thickness = np.zeros((3, 2, len(tips)))
+        for mode, (p, bends) in enumerate(((4, 12 / (plate * t**3)), (2, 1 / (plate * t)))):
+            P, G = separation(law, d, mode)
+            large = 2 * G / P**2 / compliance[:, :, mode].sum(axis=1)
+            thin = (2 * G / P**2 / bends.sum(axis=1)) ** (1 / p)
+            length[mode] = np.minimum(large, thin)
+            strength[mode] = np.minimum((large / need) ** 0.5, (thin / need) ** (p / 2))
+            thickness[mode] = np.where(thin < large, t.min(axis=1), np.inf)
+        length = c * length[0] + (1 - c) * length[1]
+        strength = c * strength[0] + (1 - c) * strength[1]
+        thickness = np.where(c > 0.5, *thickness)
+        return Zones(length, size, thickness, strength, need / length)
+
+    def _words(self, number: int, zones: Zones) -> str:
+        problem, f = self._problem, int(np.argmax(zones.y))
+        length, size, t, share, y = (float(values[f]) for values in zones)
+        active = problem.discretization.active[number]
+        strength = share * float(np.max(active.facets.law.strength))
+        k = problem.space.ufl_element().degree
+        excess = (
+            f"about {100 * EXCESS * y**2:.0f} % too high"
+            if y <= MEASURED
+            else "more than twice as high as it should be"
+        )
+        plate = "" if t == np.inf else f" next to a part of t = {t:.3g} mm"
+        return (
+            f"{active.facets.label}: a crack grows, or on a finer mesh would, along facets of "
+            f"{size:.3g} mm, too long for its process zone, {length:.3g} mm{plate}: the bond "
+            f"resists beyond its fracture energy, and the peak of the load may be {excess}. Use "
+            f"facets of about {(k + 1) / 3 * length:.3g} mm where it grows, a higher degree, or "
+            f"Interface(..., largest_strength={strength:.3g}), which these facets can carry with "
+            "the same fracture energy and which rounds the peak"
+        )
 
 
-def _zones(problem: Problem, number: int, facets: InterfaceFacets, E: Array) -> Zones:
-    """Zones of one interface; ``E`` are the moduli E' of local cells."""
-    d = problem.mesh.geometry.dim
-    ends = [separation(facets.law, d, axis) for axis in (0, 1)]
-    length = np.maximum(*(energy / strength**2 for strength, energy in ends))[:, None]
-    both = np.where(problem.discretization.bodies.rigid, np.inf, E)[facets.cells]
-    wide = (2 / (1 / both).sum(axis=1, keepdims=True) * length)[:, 0]
-    t = _thickness(problem, number)[facets.cells]
-    slender = np.sqrt(both * length * t)
-    thinner = slender.argmin(axis=1)[:, None]
-    narrow = np.take_along_axis(slender, thinner, axis=1)[:, 0]
-    t = np.take_along_axis(t, thinner, axis=1)[:, 0]
-    # No crack growth without a bond, with a strength of the order of the moduli, or along a few
-    # facets that fail at once, such as the cross section of a bar.
-    never = (facets.damage >= 1) | (ends[0][0] > STRONG * both.min(axis=1, initial=np.inf))
-    corners = _corners(problem.mesh, facets.facets)
-    edges = _shortest_edges(corners)
-    low, high = global_box(problem.comm, corners.reshape(-1, 3))
-    never |= edges * FACETS > (high - low).max()
-    found = np.where(never, np.inf, np.minimum(wide, narrow))
-    return Zones(found, np.where(narrow < wide, t, np.inf), edges)
+def _load(active: ActiveInterface) -> Array:
+    """Traction relative to the strength at the points of an interface (nq,), 1 where bonds have
+    begun to fail."""
+    q, T, law = active.quadrature, active.history.traction, active.law
+    normal = np.einsum("pi,pi->p", T, q.normal)
+    shear = np.linalg.norm(T - normal[:, None] * q.normal, axis=1)
+    fails = active.history.softening / law.strength > active.facets.damage[q.facet]
+    return np.where(fails, 1.0, law.utilization(normal, shear))
 
 
-def _moduli(problem: Problem, cells: NDArray[np.int32]) -> Array:
-    """E' of some local cells in plane strain, by local cell, 0 elsewhere; collective [MPa].
+def _tips(active: ActiveInterface) -> tuple[NDArray[np.int32], Array]:
+    """Facets with the tip of a crack, and the largest load of their points (n,).
 
-    4 G (M - G)/M, with means over the directions of the plane or space of M = A_iiii and G =
-    A_ijij: E/(1 - nu^2) for isotropic bodies, and E in plane stress, where A is that of the sheet.
+    There it varies by a factor of two at least, other than where a section fails at once.
     """
-    bodies, u = problem.discretization.bodies, problem.u
-    d, cell_map = (
-        problem.mesh.geometry.dim,
-        problem.mesh.topology.index_map(problem.mesh.topology.dim),
-    )
+    load, rows = _load(active), active.facets.facets[active.quadrature.facet]
+    near = np.isin(rows, rows[load >= CARRIED])
+    tips, place = np.unique(rows[near], return_inverse=True)
+    most, least = np.zeros(len(tips)), np.full(len(tips), np.inf)
+    np.maximum.at(most, place, load[near])
+    np.minimum.at(least, place, load[near])
+    steep = least < most / 2
+    return tips[steep], most[steep]
 
-    def means(body: Body, F: Expr) -> Expr:
+
+def _stiffness(
+    problem: Problem, cells: NDArray[np.int32], N: Array, x: Array
+) -> tuple[Array, Array]:
+    """1/E' in opening and in shear (n, 2, 2) [1/MPa] and E_x (n, 2) [MPa] of both sides, 0 and inf
+    of rigid ones; collective.
+
+    Args:
+        cells: Of the two sides (n, 2).
+        N, x: Normal of a facet and direction in which the crack grows (n, d).
+    """
+    bodies, d = problem.discretization.bodies, x.shape[1]
+
+    def moduli(body: Body, F: Expr) -> Expr:
         A = kinematics.bulk_moduli(body.elastic, bodies.geometry, F)
-        normal = sum(A[i, i, i, i] for i in range(d)) / d
-        shear = sum(A[i, j, i, j] for i in range(d) for j in range(d) if i != j) / (d * d - d)
-        return ufl.as_vector([normal, shear])
+        r = range(d)
+        return ufl.as_vector([A[i, j, k, m] for i in r for j in r for k in r for m in r])
 
-    regions = np.unique(np.concatenate(problem.comm.allgather(np.unique(bodies.region[cells]))))
-    corners = basix.geometry(problem.mesh.basix_cell())
-    middle = corners.mean(axis=0, keepdims=True)
-    found = RegionExpressions(u, bodies, regions, means, middle, "stiffness")
-    M, G = found(bodies.region[cells], cells)[:, 0].T
-    result = np.zeros(cell_map.size_local + cell_map.num_ghosts)
-    # With mean dilatation A contains the deviatoric part only.
-    result[cells] = 4 * G if bodies.mean_dilatation else 4 * G * (M - G) / M
-    return result
+    used = np.unique(cells)
+    regions = np.unique(np.concatenate(problem.comm.allgather(np.unique(bodies.region[used]))))
+    middle = basix.geometry(problem.mesh.basix_cell()).mean(axis=0, keepdims=True)
+    found = RegionExpressions(problem.u, bodies, regions, moduli, middle, "stiffness")
+    A = found(bodies.region[used], used)[:, 0].reshape(-1, d, d, d, d)
+    if bodies.mean_dilatation:
+        one = np.einsum("ij,kl->ijkl", np.eye(d), np.eye(d))
+        A = (
+            A
+            + INCOMPRESSIBLE
+            * np.abs(A).max(axis=(1, 2, 3, 4), initial=0.0)[:, None, None, None, None]
+            * one
+        )
+    A = A[np.searchsorted(used, cells)]
+    angles = np.arange(ANGLES) * np.pi / ANGLES
+    layers = [layer(A, N, x, a) for a in angles]
+    inverse = np.linalg.inv(np.mean(layers, axis=0)) if len(cells) else np.zeros_like(A[..., 0, 0])
+    c = [np.einsum("fi,fsij,fj->fs", a, inverse, a) / 2 for a in (N, x)]
+    plate = np.einsum("fi,fsij,fj->fs", x, layers[0], x)
+    rigid = bodies.rigid[cells]
+    return np.where(rigid[:, :, None], 0.0, np.stack(c, axis=2)), np.where(rigid, np.inf, plate)
+
+
+def layer(A: Array, N: Array, x: Array, angle: float) -> Array:
+    """H(a) of moduli A (n, 2, d, d, d, d)."""
+    m, n = np.cos(angle) * x + np.sin(angle) * N, np.cos(angle) * N - np.sin(angle) * x
+    Q, R, T = (
+        np.einsum("fsijkl,fj,fl->fsik", A, one, two) for one, two in ((m, m), (m, n), (n, n))
+    )
+    return Q - R @ np.linalg.solve(T, np.swapaxes(R, 2, 3))
 
 
 def _thickness(problem: Problem, number: int) -> Array:
@@ -180,11 +313,3 @@ def _corners(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
     if not len(facets):  # entities_to_geometry divides by their number
         return np.zeros((0, count, 3))
     return mesh.geometry.x[entities_to_geometry(mesh, dim, facets)[:, :count]]
-
-
-def _shortest_edges(corners: Array) -> Array:
-    """Shortest edges of facets (nf,) [mm]."""
-    apart = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3)
-    itself = np.arange(corners.shape[1])
-    apart[:, itself, itself] = np.inf
-    return apart.min(axis=(1, 2), initial=np.inf)

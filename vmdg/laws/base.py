@@ -179,6 +179,21 @@ class Law(ABC):
         """
         return cast(Any, replace)(self, **values) if values else self
 
+    def weakened(self, largest: float) -> Self:
+        """The law with a strength of at most this and the same fracture energy.
+
+        All strengths are multiplied by s = min(largest/strength, 1) and all gaps divided by it, so
+        that curves keep their shape. Such a bond softens over a longer process zone.
+
+        Args:
+            largest: Of `strength` [MPa], positive. Parameters must be numbers or arrays.
+        """
+        s = np.minimum(largest / self.strength, 1.0)
+        given = vars(self)
+        values = {name: given[name] * s for name in _STRENGTHS if name in given}
+        values |= {name: given[name] / s for name in _GAPS if name in given}
+        return cast(Any, replace)(self, **values)
+
     def at(self, rows: NDArray | slice) -> Self:
         """The law at some of its points; the law itself if no parameter varies.
 
@@ -388,10 +403,16 @@ def separation(law: Law, d: int, axis: int) -> tuple[Array, Array]:
     return strength, update.damage_work
 
 
+#: Parameters that change at constant fracture energy: strengths, and gaps inversely.
+_STRENGTHS, _GAPS = (
+    ("strength", "normal_strength", "shear_strength"),
+    ("critical_gap", "plateau_gap"),
+)
+
 #: Parameters of laws that must be positive, with their meaning or an alternative.
 _POSITIVE = {
     **dict.fromkeys(
-        ("strength", "normal_strength", "shear_strength"),
+        _STRENGTHS,
         "for an interface that never opens use Bonded()",
     ),
     **dict.fromkeys(

@@ -145,6 +145,22 @@ class History:
         return next((name for name in names for row in self.rows if name in row), None)
 
     @door
+    def peak(self, column: str = "load") -> float:
+        """The largest value of a column, in its unit.
+
+        A run has rows between the given load factors where the force on the supports is largest and
+        where the load turns back, so that a peak hardly depends on their number.
+
+        Raises:
+            KeyError: there is no such column.
+            ValueError: no row has a number there.
+        """
+        values = self[column].astype(float)
+        if np.isnan(values).all():
+            raise ValueError(f"history: no row has a number in column {column!r}")
+        return float(np.nanmax(values))
+
+    @door
     def envelope(self, column: str = "load") -> History:
         """The rows at which a column is larger than in all rows before.
 

@@ -324,6 +324,8 @@ def _law_on(
     message = None
     try:
         law = law.with_values(values)
+        if interface.largest_strength is not None:
+            law = law.weakened(interface.largest_strength)
         # Computed once here: laws at points and their subsets copy it.
         _ = law.softening_modulus
     except ValueError:

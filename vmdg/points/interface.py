@@ -97,6 +97,10 @@ class Interface:
             the facets [mm], or a Function, averaged over both sides at the midpoint. Parameters of
             the law that vary are given in the same way. It does not count as work. Damaged facets
             that open on demand are open from the start. None for an intact bond.
+        largest_strength: Strength of the law in opening [MPa] above which it is lowered to this, in
+            shear by the same factor, and gaps are raised by it, so that the fracture energy is the
+            same: for facets longer than the process zone of the given strength, whose warning says
+            which strength they can carry. None leaves the law as it is.
         sliding: Let two bodies that share no nodes slide along each other by any distance where
             there is no bond or it is broken: points meet other facets, leave the other body, and
             come back. With ``between`` side 1 is then the stiffer body, else the one whose surface
@@ -133,6 +137,7 @@ class Interface:
         activate_at: float = 0.4,
         stabilization: StabilizationRule | None = None,
         initial_damage: float | ArrayLike | LevelSet | None = None,
+        largest_strength: float | None = None,
         sliding: bool = False,
         gap: str | None = None,
         name: str | None = None,
@@ -194,6 +199,13 @@ class Interface:
                 f"Interface: stabilization = {stabilization!r} must be a function of tau1, tau2 "
                 "and the context; a number that multiplies tau_s is safety="
             )
+        if largest_strength is not None and not (
+            isinstance(largest_strength, Real) and 0 < largest_strength < np.inf and law.has_bond
+        ):
+            raise ValueError(
+                f"Interface: largest_strength = {largest_strength!r} must be positive [MPa], for a "
+                f"law with a bond, and the law is {law}"
+            )
         _check_sliding(sliding, gap, between, surfaces, law, frame, safety)
         usable = name is None or (isinstance(name, str) and _NAME.fullmatch(name))
         if not usable or name == "bodies":
@@ -220,6 +232,7 @@ class Interface:
         self.activate_at = float(activate_at)
         self.stabilization = stabilization
         self.initial_damage = damage
+        self.largest_strength = largest_strength
         self.sliding = bool(sliding)
         self.gap = gap or (KEEP if sliding else IGNORE)
         self.name = name

@@ -21,6 +21,7 @@ class Attempt:
         end: Load factor, or overstress in a jump, at its end.
         slope: dD/dlambda at its end, D the damage work; 0 if D does not grow [N mm].
         onset: Whether the step ends at the onset of damage, a kink of the path.
+        passed: Force on the supports at an onset that it passes [N]; -inf for none.
         unstable: Whether the tangent near its end is known to have negative eigenvalues.
         work: Damage work in the step, 0 if it failed [N mm].
         ahead: Change of displacement and load factor; None if it failed, or if the next step does
@@ -37,6 +38,7 @@ class Attempt:
     end: float = math.nan
     slope: float = 0.0
     onset: bool = False
+    passed: float = -math.inf
     unstable: bool = False
     work: float = 0.0
     ahead: Direction | None = None

@@ -159,6 +159,7 @@ class _Newton:
             end=self._iterate.parameter.value,
             slope=self._slope,
             onset=self._iterate.limits.at_onset,
+            passed=self._iterate.passed,
         )
 
     # Predictor

@@ -43,6 +43,7 @@ class Iterate:
     Attributes:
         limits: As given, or those of a step that ends at the onset of damage.
         along: Unit tangent of the path there; None while unknown.
+        passed: Force on the supports at an onset that the step passes [N]; -inf for none.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Iterate:
         self.limits, self._dt, self.parameter = limits, dt, parameter_of(problem, system, limits)
         self.start = self.place()
         self.along: Array | None = None
+        self.passed = -math.inf
         # Facets that open on demand may carry more than their strength when they open.
         watched = limits.onset > 0 and not problem.step.activation
         self.sound = pieces.sound(numbers.small) if watched else Sound()
@@ -129,14 +131,23 @@ class Iterate:
         self.limits = limits.ending_at_onset()
         onset = self._shorter(start, way, length)
         bodies = self._discretization.bodies
-        if sound.elastic and limits.work == math.inf and bodies.points is None:
+        by_load = limits.work == math.inf and not limits.kinks
+        if sound.elastic and by_load and bodies.points is None:
             # Load control passes the onset if no piece begins before another; a bond may begin
             # before bodies flow that would spare it.
             beyond = onset + self._numbers.small * (length - onset)
             if np.array_equal(self._begun(start, way, beyond), begun):
                 self.limits = limits
+                self._pass(start.plus(way, onset))
                 return length
         return onset
+
+    def _pass(self, place: Direction) -> None:
+        """Note the force at the first onset that a step passes, where it is elastic so far."""
+        if self.passed == -math.inf and self._loading.ray is not None:
+            self.map(place)
+            self._problem.discretization.assemble_residual(None, False, self._loading.vector)
+            self.passed = force_of(self._problem)
 
     def _begun(self, start: Direction, way: Direction, length: float) -> Names:
         self.map(start.plus(way, length))
@@ -249,3 +260,13 @@ class Iterate:
             dofs = discretization.means.owned_dofs
             held[dofs] = forces[dofs] + loading.vector[dofs]
         return global_norm(self._comm, np.append(held, discretization.surface.spring_forces()))
+
+
+def force_of(problem: Problem) -> float:
+    """Power of the supports by load factor, relative to the norm of their displacement by it, in
+    the present state of a ray; 0 where they do not move; collective [N]."""
+    loading, comm = problem.loading, problem.comm
+    rate = loading.rate()
+    size = global_norm(comm, rate)
+    forces = problem.discretization.forces.x.array[: len(rate)]
+    return float(global_sum(comm, forces @ rate)) / size if size > 0 else 0.0

@@ -27,12 +27,14 @@ class PathPoint(NamedTuple):
     height: float
     slope: float
     state: Snapshot
+    found: Attempt | None
 
 
 def limit_point(
     steps: Steps, last: Neighbour | None, limit: Snapshot, beyond: Neighbour, way: float
-) -> Snapshot:
-    """The evaluated state of largest load around the last state before the load falls.
+) -> tuple[Snapshot, Attempt | None]:
+    """The evaluated state of largest load around the last state before the load falls, and the step
+    that ended there; None where it is none of those beyond.
 
     At the left of two points the load increases with the work, at the right one it is lower or
     decreases. This remains true while they approach, so a maximum lies in between, however the path
@@ -46,14 +48,14 @@ def limit_point(
 
     def point(work: float, state: Snapshot, found: Attempt | None) -> PathPoint:
         slope = sense / found.slope if found and found.slope else math.nan
-        return PathPoint(work, sense * (state.t - limit.t), slope, state)
+        return PathPoint(work, sense * (state.t - limit.t), slope, state, found)
 
     left, right = point(0.0, limit, last and last[1]), point(beyond[1].work, *beyond)
     if left.slope < 0 < last[1].work:
         left, right = point(-last[1].work, *last), left
     # If bodies rather than bonds cause the limit point, the damage work does not locate it.
     if not right.work > left.work:
-        return limit
+        return limit, None
     best = max(left, right, key=lambda point: point.height)
     for _ in range(numbers.halvings):
         work, height = meeting(left, right, small)
@@ -73,7 +75,7 @@ def limit_point(
             left = found
         else:
             right = found
-    return best.state
+    return best.state, best.found if best.height > 0 else None
 
 
 def meeting(left: PathPoint, right: PathPoint, small: float) -> tuple[float, float]:

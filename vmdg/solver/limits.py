@@ -79,6 +79,7 @@ class Limits:
     Attributes:
         span: Size of the stage, the largest change of the parameter in a correction.
         onset: Damage work below which damage counts as starting; 0 to ignore this [N mm].
+        kinks: Whether the step ends at an onset even where all pieces begin together.
         work: Damage work [N mm].
         arc_length: Arc length [mm].
     """
@@ -89,6 +90,7 @@ class Limits:
     onset: float = 0.0
     work: float = math.inf
     arc_length: float = math.inf
+    kinks: bool = False
     jump: Jump | None = None
 
     def __str__(self) -> str:

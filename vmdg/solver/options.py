@@ -97,8 +97,11 @@ class PathOptions:
             to an extrapolation of it.
         released: Released energy of a step relative to its damage work, and decrease of the load
             factor relative to the stage, above which a snap is detected.
+        peak: Excess of a smooth maximum of the force in a step, relative to it, above which it is
+            a row.
         twice: Fraction of a strength that may be lost a second time where the load falls and comes
-            back; above it the snap is jumped over.
+            back, and of the damage work there that friction and flow may take on the way back;
+            above it the snap is jumped over.
         overstress: Initial overstress of a jump, in multiples of H.
         rest: Overstress at which a jump is nearly complete, and relative reduction of the residual
             that counts as negligible.
@@ -119,6 +122,7 @@ class PathOptions:
     growth: float = 2.0
     cut: float = 0.25
     released: float = 0.05
+    peak: float = 1e-3
     twice: float = 1e-3
     overstress: float = 4.0
     rest: float = 0.02

@@ -18,9 +18,10 @@ from .jump import jump
 from .limit_point import limit_point
 from .limits import ROUNDING, Direction, Limits
 from .options import PathOptions
+from .peak import Peaks
 from .reasons import explained
 from .result import Result, StepFailure
-from .retreat import damage_twice
+from .retreat import done_twice
 from .steps import Steps
 
 
@@ -118,6 +119,7 @@ class Path:
         """Discard the history of steps: the next one is like that of a resumed run, with continued
         damage."""
         self._size, self._lost = Size(last=Attempt()), False
+        self._peaks = Peaks(self._steps)
 
     def advance(self, target: float) -> Iterator[Part]:
         """Steps until ``target`` is reached.
@@ -130,7 +132,7 @@ class Path:
         while True:
             before = step.snapshot()
             try:
-                part = self._next(stage)
+                part, peak = self._next(stage)
             except StepFailure:
                 crest.limit = crest.limit or before
                 after = None if stage.traces else (yield from self._snap(stage, crest))
@@ -141,7 +143,11 @@ class Path:
                 turned = crest.limit is not None or stage.ahead(part.t, before.t) < 0
                 if not (stage.follows and turned) or stage.traces:
                     crest.last = (before, part.attempt)
-                    yield part
+                    if peak:
+                        peak.append((part, step.snapshot()))
+                        yield from self._rows(peak)
+                    else:
+                        yield part
                 else:
                     crest.limit = crest.limit or before
                     crest.kept.append((part, step.snapshot()))
@@ -158,10 +164,11 @@ class Path:
                 stage = self._set_out(target)
 
     def _lost_twice(self, crest: Crest, states: Sequence[Snapshot] = ()) -> NDArray[np.float64]:
-        """:func:`.damage_twice` in states beyond a limit point, by default the buffered ones;
+        """:func:`.done_twice` in states beyond a limit point, by default the buffered ones;
         collective."""
         before = crest.last[0] if crest.last else crest.limit
-        return damage_twice(before, crest.limit, states or [state for _, state in crest.kept])
+        states = states or [state for _, state in crest.kept]
+        return done_twice(before, crest.limit, states, self._numbers.small)
 
     def _rows(self, kept: list[tuple[Part, Snapshot]]) -> Iterator[Part]:
         for part, state in kept:
@@ -178,7 +185,9 @@ class Path:
         small = problem.discretization.bodies.small
         bends = most > 0 or not (small or step.activation)
         follows = not by_load and bends and loading.set_ray(start, target)
-        if not follows:
+        if follows:
+            self._peaks.face(loading.rate())
+        else:
             loading.clear_ray()
         # Loads may reverse while the load factor increases. Damaged bonds then unload without
         # damage work, so the stage starts under load control.
@@ -194,8 +203,8 @@ class Path:
 
     # One step
 
-    def _next(self, stage: Stage) -> Part:
-        """A converged step, after one or more attempts."""
+    def _next(self, stage: Stage) -> tuple[Part, list[tuple[Part, Snapshot]]]:
+        """A converged step, after one or more attempts, and the peak inside it, if there is one."""
         problem, most_cuts, last = self._problem, self._options.max_cuts, self._size.last
         start, limits, cuts, by_work = problem.t, self._limits(stage), 0, False
         while True:
@@ -236,7 +245,14 @@ class Path:
         if self._size.idle > self._numbers.idle:
             problem.step.return_to(before)
             raise StepFailure(self._complaint(limits, found.failed("NO_END")), self._result)
-        return Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0)
+        part, peak = Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0), []
+        if stage.follows and (
+            inside := self._peaks.inside(before, limits, last, found, stage.most)
+        ):
+            attempt, state = inside
+            row = Part(state.t, stage.done(state.t), state.t - start, attempt, 0, 0)
+            peak.append((row, state))
+        return part, peak
 
     def _limits(self, stage: Stage) -> Limits:
         size, scales = self._size, self._problem.step.scales
@@ -324,7 +340,11 @@ class Path:
             return ""
         # Under load control a step may converge to a state off the path. It then releases energy,
         # or takes it up if it is far, apart from points that begin to yield within the step.
-        far = found.work > stage.most or stage.ahead(before.t, t) > 0
+        back = stage.ahead(before.t, t) > 0
+        # Where nothing fails the load does not turn, but another onset may be behind the start.
+        if found.onset and back and limits.arc_length == math.inf:
+            return "JUMPED"
+        far = found.work > stage.most or back
         if found.work > 0 and not found.onset and (far or limits.by_load_alone):
             step.ledger.complete(numbers.released / 2 * found.work)
             released = self._released(before) / found.work
@@ -394,14 +414,26 @@ class Path:
         Returns:
             The remaining stage; None if there is neither.
         """
-        part = self._leap(stage, crest)
+        top, found = self._top(stage, crest)
+        if found is not None:
+            self._problem.step.return_to(top)
+            yield Part(top.t, stage.done(top.t), top.t - crest.limit.t, found, 0, 0)
+        part = self._leap(stage, crest, top)
         if part is not None:
             yield part
             return stage.behind_jump(part.t, self._numbers)
         yield from self._rows(crest.kept)
         return replace(stage, traces=True) if crest.kept else None
 
-    def _leap(self, stage: Stage, crest: Crest) -> Part | None:
+    def _top(self, stage: Stage, crest: Crest) -> tuple[Snapshot, Attempt | None]:
+        """The limit point, and the step that ended there if it is not a row."""
+        if not crest.kept:
+            return crest.limit, None
+        part, behind = crest.kept[0]
+        way = stage.target - stage.start
+        return limit_point(self._steps, crest.last, crest.limit, (behind, part.attempt), way)
+
+    def _leap(self, stage: Stage, crest: Crest, top: Snapshot) -> Part | None:
         """Jump from the limit point to the next equilibrium at its load; None, and undone, if there
         is none.
 
@@ -414,9 +446,6 @@ class Path:
             return self._jump(stage, there, limit, limit) or self._jump(
                 stage, stage.target, limit, limit
             )
-        part, behind = crest.kept[0]
-        beyond, way = (behind, part.attempt), stage.target - stage.start
-        top = limit_point(self._steps, crest.last, limit, beyond, way)
         found = self._jump(stage, top.t, top, self._beyond(stage, crest, top))
         if found is None:
             self._problem.step.return_to(crest.kept[-1][1])
@@ -450,4 +479,5 @@ class Path:
             self._result.failures.append((t, found.reason))
             return None
         self._size = Size()
+        self._peaks.leave()
         return Part(t, stage.done(t), 0.0, found, 0, count)

@@ -13,6 +13,7 @@ from ..assembly.means import lattice_of
 from ..base.agreement import Interrupt, leave_together, same_arguments
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import claim_checkpoint, warn_of_replacement, write_checkpoint
+from ..checks.zone import ZoneWatch
 from ..output.cell import AxialMotion, PeriodicCell
 from ..output.history import History, HistoryFile
 from ..problem.problem import Problem
@@ -77,8 +78,8 @@ def agreed(
 class Run:
     """A run within :func:`run_of`.
 
-    Args:
-        check: May raise to end the run; called before every attempt.
+    Attributes:
+        check: Called before every attempt; may raise to end the run; collective.
     """
 
     def __init__(
@@ -86,17 +87,26 @@ class Run:
         problem: Problem,
         options: SolveOptions,
         result: Result,
-        check: Callable[[], None],
+        interrupted: Callable[[], None],
         progress: Progress,
         file: HistoryFile,
         rows: _Rows,
     ):
-        self.check, self.progress, self.krylov = check, progress, lambda: 0
+        self.progress, self.krylov = progress, lambda: 0
+        self._zones = zones = ZoneWatch(problem)
+
+        # Not a method: what calls it would keep the problem.
+        def check() -> None:
+            interrupted()
+            zones.look()
+
+        self.check = check
         self._problem, self._options, self._result = problem, options, result
         self._file, self._rows, self._written = file, rows, len(result.history)
 
     def add(self, row: Mapping[str, Any], found: Attempt) -> None:
         """Add a row for the current state, to which exceptions return from now on; collective."""
+        self._zones.look()
         here = self._rows.here()
         self._result.history.append(row)
         self._result.residuals.append(found.norms)
