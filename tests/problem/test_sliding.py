@@ -6,6 +6,7 @@ The table has the slip of every row.
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from support.problems import couple
 from support.scenes import two_blocks
 
 import vmdg
+from vmdg.interface.sliding import sliding
 
 CONTACT = vmdg.Contact(friction=0.3)
 SIZE = 0.25  # mm
@@ -58,3 +60,14 @@ def test_not_warned(comm, law, opening, loads):
     assert ("sliding" in history.columns) == law.inelastic
     if law.inelastic:
         assert (history["sliding"][-1] > 0) == (opening < 0)
+
+
+def test_rounding_is_no_contact(comm):
+    """T of an open point is the rounding of r zeta, of either sign."""
+    law = vmdg.Debonding(strength=10.0, critical_gap=0.02)
+    problem, _, _ = slid(comm, law, 0.05, [0.1])
+    active = problem.discretization.active[0]
+    for size, touches in ((1e-14, False), (1.0, True)):
+        traction = -size * active.quadrature.normal
+        active.history = replace(active.history, traction=traction)
+        assert (sliding(active).ratio > 0) == (touches and len(traction) > 0)

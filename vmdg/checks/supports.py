@@ -17,8 +17,7 @@ from ..base.parallel import global_box, global_max, global_sum, warn_together
 from ..base.tables import rounded
 from ..domain.geometry import rigid_motions
 from ..forms.geometry import Axisymmetric
-from ..interface.active import ActiveInterface
-from ..laws.base import dot
+from ..interface.active import ActiveInterface, pressed
 from ..problem.problem import Problem
 
 #: Eigenvalue, relative to the largest one, below which a rigid motion is unconstrained: that of a
@@ -159,7 +158,7 @@ def _holding(active: ActiveInterface) -> NDArray[np.bool_]:
     if not law.inelastic:
         return np.ones(len(active.quadrature.weights), dtype=bool)
     bonded = history.softening < _LOST * law.strength if law.has_bond else False
-    return bonded | (dot(history.traction, active.quadrature.normal) < 0)
+    return bonded | pressed(active)
 
 
 def _box(problem: Problem, cells: NDArray[np.intp]) -> NDArray[np.float64]:

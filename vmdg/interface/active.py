@@ -39,6 +39,10 @@ def _quadrature(mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geom
     return FacetPoints(mesh, facets, degree, geometry)
 
 
+#: Of r zeta, relative, with room.
+ROUNDING = 1e-12
+
+
 class ActiveInterface:
     """An interface with its open facets and the state of their points.
 
@@ -542,6 +546,15 @@ def damage_work(active: ActiveInterface, points: NDArray[np.bool_] | slice = sli
     kept = active.quadrature.kept
     work, weights = active.values.update.damage_work[kept], active.quadrature.weights[kept]
     return float(work[points] @ weights[points])
+
+
+def pressed(active: ActiveInterface) -> NDArray[np.bool_]:
+    """Points whose faces pressed on each other in the last converged state (nq,): T.N < 0, beyond
+    the rounding of r zeta, which T of an open point is."""
+    q, history = active.quadrature, active.history
+    known = active.stabilization
+    r = 0.0 if known is None else known.norm[q.facet]
+    return dot(history.traction, q.normal) < -ROUNDING * r * np.linalg.norm(history.gap, axis=1)
 
 
 def interface_flux(active: ActiveInterface) -> NDArray[np.float64]:

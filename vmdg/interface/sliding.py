@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .active import ActiveInterface
+from .active import ActiveInterface, pressed
 
 
 class Sliding(NamedTuple):
@@ -35,7 +35,7 @@ def sliding(active: ActiveInterface) -> Sliding:
         return Sliding(0.0)
     N, zeta = q.normal, history.gap
     slip = np.linalg.norm(zeta - np.einsum("pi,pi->p", zeta, N)[:, None] * N, axis=1)
-    slip[np.einsum("pi,pi->p", history.traction, N) >= 0] = 0
+    slip[~pressed(active)] = 0
     ratio = slip / q.extent[q.facet]
     i = int(np.argmax(ratio))
     f = q.facet[i]
