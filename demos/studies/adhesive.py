@@ -94,10 +94,13 @@ def loaded(
     ).history
 
 
-def main(facet: float = 1.0, out: str = "results/adhesive") -> dict[str, dict[str, vmdg.History]]:
+def main(
+    layers: list[str] | None = None, facet: float = 1.0, out: str = "results/adhesive"
+) -> dict[str, dict[str, vmdg.History]]:
     """Pull all joints; histories by joint and layer.
 
     Args:
+        layers: Some of LAYERS, all by default.
         facet: Size of the facets [mm].
         out: Folder for table and picture.
     """
@@ -106,8 +109,8 @@ def main(facet: float = 1.0, out: str = "results/adhesive") -> dict[str, dict[st
     figure, axes = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
     rows = []
     for (joint, pull), ax in zip(joints.items(), axes, strict=True):
-        for name, given in tqdm(LAYERS.items(), desc=joint, disable=None):
-            found[joint][name] = history = pull(*given, facet)
+        for name in tqdm(layers or LAYERS, desc=joint, disable=None):
+            found[joint][name] = history = pull(*LAYERS[name], facet)
             way, force = history["load"], history["force"]
             ax.plot(np.append(0.0, way), np.append(0.0, force), lw=1.2, label=name)
             stiffness, peak = force[0] / way[0], force.argmax()
