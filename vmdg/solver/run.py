@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from ..assembly.means import lattice_of
 from ..base.agreement import Interrupt, leave_together, same_arguments
+from ..base.parallel import global_max
 from ..base.timers import timer, timings, timings_since
 from ..checkpoint.checkpoint import claim_checkpoint, warn_of_replacement, write_checkpoint
 from ..checks.zone import ZoneWatch
@@ -107,10 +108,9 @@ class Run:
     def add(self, row: Mapping[str, Any], found: Attempt) -> None:
         """Add a row for the current state, to which exceptions return from now on; collective."""
         self._zones.look()
-        here = self._rows.here()
+        self._rows.hold_next()
         self._result.history.append(row)
         self._result.residuals.append(found.norms)
-        self._rows.hold(here)
         self._file.update()
 
     def back(self) -> None:
@@ -149,7 +149,7 @@ def run_of(
             _claimed(problem, options),
             HistoryFile(problem.comm, options.csv, result.history) as file,
             Progress(problem, count, options) as progress,
-            _Rows(problem) as rows,
+            _Rows(problem, result.history) as rows,
         ):
             run = Run(problem, options, result, interrupt.check, progress, file, rows)
             yield run
@@ -166,23 +166,28 @@ def run_of(
 
 
 class _Rows:
-    """The state of the last row, restored after an error within a step; collective."""
+    """The state of the last row, restored after an error within a step; collective.
 
-    def __init__(self, problem: Problem):
-        self._comm, self._step = problem.comm, problem.step
-        self.hold(self.here())
+    An error may come from anywhere, also between a row and the note of its state, and on one rank
+    only: states have the number of rows that belongs to them.
+    """
 
-    def here(self) -> tuple[Snapshot, RunScales]:
-        """The current state."""
+    def __init__(self, problem: Problem, history: History):
+        self._comm, self._step, self._history = problem.comm, problem.step, history
+        self._states = [(len(history), self._here())]
+
+    def _here(self) -> tuple[Snapshot, RunScales]:
         return self._step.snapshot(), self._step.scales
 
-    def hold(self, state: tuple[Snapshot, RunScales]) -> None:
-        """Mark a state as that of the last row."""
-        self._state = state
+    def hold_next(self) -> None:
+        """Note the current state as that of the next row."""
+        self._states = [self._states[-1], (len(self._history) + 1, self._here())]
 
     def back(self) -> None:
-        """Return to that state."""
-        state, self._step.scales = self._state
+        """Return to the state of the last row that all ranks have."""
+        count = -int(global_max(self._comm, -len(self._history)))
+        del self._history.rows[count:]
+        state, self._step.scales = next(one for n, one in self._states[::-1] if n <= count)
         self._step.return_to(state)
 
     def __enter__(self) -> _Rows:
