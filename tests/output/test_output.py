@@ -140,6 +140,7 @@ def parts_of(folder: Path, t: float) -> list:
     return [meshio.read(folder / name) for name in names]
 
 
+@pytest.mark.filterwarnings("ignore:.*process zone:vmdg.ModelWarning")  # two cells
 @CELLS
 def test_files_of_meshio(comm, out, cell):
     """Numbers of a .vtu series are those of the problem, on both sides of the interface; the list

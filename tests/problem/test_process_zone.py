@@ -8,10 +8,12 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx.mesh import meshtags
 from support.problems import of_two
 from support.scenes import box
 
 import vmdg
+from vmdg.base.parallel import global_max
 from vmdg.checks.zone import EXCESS, layer
 from vmdg.laws.base import separation
 from vmdg.meshes import beams, blocks
@@ -61,6 +63,34 @@ def force(problem: vmdg.Problem) -> dict[str, float]:
 
 
 LENGTH = (PLANE * T**3 * G / (12 * P**2)) ** 0.25  # both arms bend: 2 (G/P) each
+
+
+@pytest.mark.parametrize("layered", [False, True])
+def test_layer_thinner_than_its_zone(comm, layered):
+    """Nothing is told of a soft layer between stiff plates, which decide; of soft plates it is."""
+    stations = (0.0, CRACK, CRACK + 30.0)
+    mesh, _, sides = beams(
+        comm, stations=stations, divisions=(8, 12), height=T, rows=2, precrack=CRACK
+    )
+    map_ = mesh.topology.index_map(2)
+    cells = np.arange(map_.size_local + map_.num_ghosts, dtype=np.int32)
+    height = mesh.geometry.x[mesh.geometry.dofmap, 1].mean(axis=1)
+    tags = meshtags(mesh, 2, cells, (np.abs(height) > T / 2).astype(np.int32))
+    soft = vmdg.NeoHookean(E=2000.0, nu=NU)
+    outer = vmdg.NeoHookean(E=E, nu=NU) if layered else vmdg.NeoHookean(E=2000.0, nu=NU)
+    law = vmdg.Debonding(10.0, 2 * G / 10.0)
+    bond = vmdg.Interface(facets=sides.find("interface"), law=law)
+    problem = vmdg.Problem(mesh, tags, {0: soft, 1: outer}, [bond], kinematics="small")
+    problem.dirichlet(sides.find("right"), 0.0)
+    for side in (1, -1):
+        problem.dirichlet_points(
+            lambda x, y=side * T: np.isclose(x[0], 0) & np.isclose(x[1], y),
+            lambda t, side=side: side * t,
+            "y",
+        )
+    told = run(problem, [2.0 if layered else 8.0])[1]
+    assert global_max(comm, problem.state[0].damage.max(initial=0.0)) > 0
+    assert len(told) == (comm.rank == 0 and not layered)
 
 
 @pytest.mark.parametrize(("degree", "facets"), [(1, 20), (2, 12)])

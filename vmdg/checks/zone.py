@@ -24,6 +24,9 @@ is the stiffness of a thin layer along m with free faces, E_x = x.H(0).x, and th
 L the mean of H over a, is 2/E' in opening and in shear (the tensor L of Barnett and Lothe; Ting
 1996, Anisotropic Elasticity, section 7.6). For isotropic bodies E_x = E' = E/(1 - nu^2).
 
+A layer thinner than l, as of an adhesive between plates, has other bodies behind it, which decide
+about l: nothing is told of it.
+
 A facet of degree k and length h has k + 1 points along x. With fewer than three in the zone,
 
     y = 3 h/((k + 1) l) > 1,
@@ -67,6 +70,9 @@ TOLD = 1.01
 
 #: Excess of a peak, relative to y^2, and the y up to which it was measured.
 EXCESS, MEASURED = 0.07, 4.0
+
+#: Thicknesses that differ by this, relative, are those of different bodies.
+SAME = 1e-6
 
 #: Number of angles of the mean of H, which is periodic: the trapezoidal rule converges fast.
 ANGLES = 24
@@ -157,7 +163,7 @@ class ZoneWatch:
         along = np.einsum("fci,fi->fc", corners, x)
         size = along.max(axis=1, initial=-np.inf) - along.min(axis=1, initial=np.inf)
         compliance, plate = _stiffness(problem, cells, N, x)
-        t = self._thickness[number][cells]
+        t, depth = (values[cells] for values in self._thickness[number])
         law, need = facets.law.at(rows), 3 * size / (k + 1)
         length, strength, thickness = np.zeros((3, 2, len(tips)))
         for mode, (p, bends) in enumerate(((4, 12 / (plate * t**3)), (2, 1 / (plate * t)))):
@@ -170,6 +176,8 @@ class ZoneWatch:
         length = c * length[0] + (1 - c) * length[1]
         strength = c * strength[0] + (1 - c) * strength[1]
         thickness = np.where(c > 0.5, *thickness)
+        # Behind a layer thinner than its zone are other bodies, and they decide.
+        length[((depth < (1 - SAME) * t) & (depth < length[:, None])).any(axis=1)] = np.inf
         return Zones(length, size, thickness, strength, need / length)
 
     def _words(self, number: int, zones: Zones) -> str:
@@ -268,24 +276,44 @@ def layer(A: Array, N: Array, x: Array, angle: float) -> Array:
     return Q - R @ np.linalg.solve(T, np.swapaxes(R, 2, 3))
 
 
-def _thickness(problem: Problem, number: int) -> Array:
-    """Thickness of the part to which a cell belongs if only this interface separates; collective
-    [mm].
+def _thickness(problem: Problem, number: int) -> tuple[Array, Array]:
+    """Thickness of the part to which a cell belongs if only this interface separates, and of its
+    own material in that part; by local cell, collective [mm].
 
     Thickness of a plate with the same smallest moment of inertia: exact for plates and straight
-    films, of the order of the size for other parts. By local cell.
+    films, of the order of the size for other parts.
     """
     joined = [
         active.facets.cells
         for i, active in problem.discretization.active.items()
         if i != number or active.interface.within is not None
     ]
-    label = node_pieces(problem.space, joined)[problem.space.dofmap.list[:, 0]]
+    parts = node_pieces(problem.space, joined)[problem.space.dofmap.list[:, 0]]
+    layers = parts.astype(np.int64) * len(problem.materials) + _materials(problem)
     owned = problem.mesh.topology.index_map(problem.mesh.topology.dim).size_local
-    parts = np.unique(np.concatenate(problem.comm.allgather(np.unique(label[:owned]))))
-    place, d = np.searchsorted(parts, label), problem.mesh.geometry.dim
-    moments = np.zeros((len(parts), 1 + d + d * d))
-    np.add.at(moments, place[:owned], _cell_moments(problem.mesh, owned))
+    moments = _cell_moments(problem.mesh, owned)
+    return _thickness_of(problem, parts, moments), _thickness_of(problem, layers, moments)
+
+
+def _materials(problem: Problem) -> NDArray[np.int64]:
+    """Number of the material of every local cell; equal for groups of equal materials."""
+    known: list[object] = []
+    numbers = np.zeros(len(problem.discretization.bodies.tags), dtype=np.int64)
+    for tag, material in problem.materials.items():
+        name = material.kernel_key, repr(material)
+        if name not in known:
+            known.append(name)
+        numbers[problem.discretization.bodies.cells_of[tag]] = known.index(name)
+    return numbers
+
+
+def _thickness_of(problem: Problem, label: NDArray[np.int64], of_cells: Array) -> Array:
+    """That of all cells of a label together, by local cell; collective [mm]."""
+    owned, d = len(of_cells), problem.mesh.geometry.dim
+    known = np.unique(np.concatenate(problem.comm.allgather(np.unique(label[:owned]))))
+    place = np.searchsorted(known, label)
+    moments = np.zeros((len(known), 1 + d + d * d))
+    np.add.at(moments, place[:owned], of_cells)
     volume, first, second = np.split(global_sum(problem.comm, moments), [1, 1 + d], axis=1)
     centre = first / volume
     spread = second.reshape(-1, d, d) / volume[:, :, None] - centre[:, :, None] * centre[:, None]
