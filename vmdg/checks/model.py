@@ -137,12 +137,15 @@ def _check_supports(problem: Problem) -> bool:
         )
     raise_together(problem.comm, message)
     bonded = _bonded(problem)
-    resting = loose_parts(problem, bonded) if len(bonded) < len(interfaces) else []
+    broken = any(bool((one.facets.damage >= 1).any()) for one in interfaces)
+    cut = len(bonded) < len(interfaces) or global_any(problem.comm, broken)
+    resting = loose_parts(problem, bonded, worst=1.0) if cut else []
     for words, motions in _alike(resting):
         warn_together(
             problem.comm,
             f"only contact constrains {words} against {motions}, and contact without pressure "
-            "constrains nothing: prescribe displacements, or press the body by them",
+            "constrains nothing: prescribe displacements, or press the body by them; if the mesh "
+            "does not follow a precrack, cells between its facets are such bodies",
         )
     return bool(resting)
 

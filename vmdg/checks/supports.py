@@ -65,23 +65,29 @@ def in_words(parts: Sequence[LoosePart]) -> str:
     return f"the body of {noun}" if len(parts) == 1 else f"{len(parts)} bodies of {noun}"
 
 
-def loose_parts(problem: Problem, interfaces: Iterable[ActiveInterface]) -> list[LoosePart]:
+def loose_parts(
+    problem: Problem, interfaces: Iterable[ActiveInterface], worst: float = np.inf
+) -> list[LoosePart]:
     """Parts with a free rigid motion if only some interfaces are intact; collective.
 
-    Cells are connected by shared nodes, and across the facets of these interfaces.
+    Cells are connected by shared nodes, and across the facets of these interfaces with an initial
+    damage below the worst.
     """
-    return loose_among(problem, parts_of(problem, interfaces))
+    return loose_among(problem, parts_of(problem, interfaces, worst))
 
 
-def parts_of(problem: Problem, interfaces: Iterable[ActiveInterface]) -> Parts:
-    """The rigid parts if only some interfaces are intact, found once for all that supports them;
-    collective."""
+def parts_of(
+    problem: Problem, interfaces: Iterable[ActiveInterface], worst: float = np.inf
+) -> Parts:
+    """The rigid parts if only some interfaces are intact, see :func:`loose_parts`, found once for
+    all that supports them; collective."""
     intact, known = list(interfaces), problem.loading.rigid_parts
     active = problem.discretization.active.items()
-    numbers = tuple(number for number, one in active if one in intact)
-    if numbers not in known:
-        known[numbers] = _parts(problem, [one.facets.cells for one in intact], [])
-    return known[numbers]
+    key = (worst, *(number for number, one in active if one in intact))
+    if key not in known:
+        joined = [one.facets.cells[one.facets.damage < worst] for one in intact]
+        known[key] = _parts(problem, joined, [])
+    return known[key]
 
 
 def bonds(problem: Problem) -> tuple[float, float]:

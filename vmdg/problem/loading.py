@@ -103,7 +103,7 @@ class Loading:
 
     def rebuild(self, discretization: Discretization) -> None:
         self.discretization, u = discretization, discretization.u
-        self.rigid_parts: dict[tuple[int, ...], Any] = {}
+        self.rigid_parts: dict[tuple[float, ...], Any] = {}
         self.dirichlet = DirichletConditions(discretization.space, self._zeros())
         self.dead = DeadLoads(u, discretization.geometry, self.load_factor)
         self.surface = discretization.new_surface()
