@@ -172,9 +172,13 @@ class Ledger:
         """State and loads, local dofs [N], at the start of the step."""
         return self._start.state, self._start.loads
 
-    def energy(self) -> Energy:
-        """Energies at the current state, with works as recorded; collective."""
-        bulk, interface, springs = self.discretization.stored_energy()
+    def energy(self, anew: bool = False) -> Energy:
+        """Energies at the current state, with works as recorded; collective.
+
+        Args:
+            anew: What materials are made of may have changed since the last residual.
+        """
+        bulk, interface, springs = self.discretization.stored_energy(anew)
         done = *self.works.dissipated, *self.works.external
         values = [bulk, interface, *done, springs, self.works.plastic]
         return Energy(*(float(value) for value in global_sum(self._comm, values)))

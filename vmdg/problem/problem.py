@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 from html import escape
 from types import MappingProxyType
@@ -75,7 +74,7 @@ from .loading import Loading
 from .motion import Motion, checked_density, moving
 from .periodic import GeneralizedStrain, Periodic, checked_periodic, generalized
 from .states import Energy, InterfaceMean, Snapshot
-from .step import Step
+from .step import Step, energy_of
 
 T = TypeVar("T")
 
@@ -713,10 +712,7 @@ class Problem:
         the previous step allows an estimate. ``SolveOptions(energy=True)`` evaluates them after
         every step.
         """
-        self.step.ledger.complete()
-        energy = self.step.ledger.energy()
-        motion = self.step.motion
-        return energy if motion is None else replace(energy, kinetic=motion.kinetic_energy())
+        return energy_of(self.step, anew=True)
 
     @property
     def velocity(self) -> fem.Function:

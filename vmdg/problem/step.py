@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from ..interface.sliding import sliding
 from .ledger import Ledger, WorkInMotion
 from .loading import Loading, anchor
 from .motion import Motion
-from .states import Rates, RunScales, Snapshot
+from .states import Energy, Rates, RunScales, Snapshot
 
 #: Relative step for finite differences of the residual by the load factor.
 RATE_STEP = 1e-7
@@ -479,6 +480,14 @@ class Step:
         self.ledger.change_space(discretization)
         self.activation.follow(discretization.u)
         self._loading.rebuild(discretization)
+
+
+def energy_of(step: Step, anew: bool = False) -> Energy:
+    """Energies at the current state, see :meth:`.Ledger.energy`; collective."""
+    step.ledger.complete()
+    energy = step.ledger.energy(anew)
+    motion = step.motion
+    return energy if motion is None else replace(energy, kinetic=motion.kinetic_energy())
 
 
 def enter_given_state(step: Step) -> None:

@@ -14,6 +14,7 @@ from ufl.core.expr import Expr
 from ..base.agreement import together
 from ..base.parallel import global_any, raise_together
 from ..problem.problem import Problem
+from ..problem.step import energy_of
 
 Monitor = Callable[[Problem], Mapping[str, Any] | None]
 Until = Callable[[Problem], bool]
@@ -56,7 +57,7 @@ def sliding_column(problem: Problem) -> dict[str, float]:
 
 def energy_columns(problem: Problem) -> dict[str, float]:
     """The energies and their imbalance, for a row; collective."""
-    energy = problem.energy()
+    energy = energy_of(problem.step)
     energies = asdict(energy) | {"imbalance": energy.imbalance}
     return {f"{name} [N mm]": value for name, value in energies.items()}
 
