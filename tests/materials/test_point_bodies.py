@@ -17,6 +17,7 @@ from support.scenes import SEVERAL_RANKS, pairs, two_blocks
 
 import vmdg
 from vmdg import Mode
+from vmdg.domain.point_evaluator import PointEvaluator
 
 METAL = vmdg.J2(E, NU, 60.0, hardening=400.0, saturation=90.0, exponent=20.0)
 ELASTIC = vmdg.NeoHookean(E=2 * E, nu=NU)
@@ -432,3 +433,25 @@ def test_wrong_answers(comm):
     assert np.isnan(problem.step.assemble_residual()).any()
     problem.step.cancel()
     assert np.isfinite(problem.step.assemble_residual()).all()
+
+
+class Ends(vmdg.PointMaterial):
+    """P_33 = -1 without a stiffness, as of a point that has softened."""
+
+    def __init__(self):
+        self.parameters = {"mu": 1.0, "lmbda": 1.0}
+
+    def __call__(self, deformation, state, dt, small):
+        assert np.isfinite(deformation).all()
+        n = len(deformation)
+        stress = np.tile(-np.eye(3), (n, 1, 1))
+        return vmdg.Response(stress, np.zeros((n, 3, 3, 3, 3)), state, np.zeros(n), np.zeros(n))
+
+
+@pytest.mark.parametrize("small", [False, True])
+def test_thickness_that_nothing_bounds(small):
+    """In plane stress: no answer, no warning of numpy, and no question at infinity."""
+    evaluate = PointEvaluator(Ends(), 1.0, small, plane_stress=True)
+    deformation = np.tile(np.eye(3) * (not small), (2, 1, 1))
+    found, _ = evaluate(deformation, np.zeros((2, 0)), None)
+    assert np.isnan(found.stress).all()

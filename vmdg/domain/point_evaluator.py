@@ -71,13 +71,16 @@ class PointEvaluator:
             P, A = found.stress[:, 2, 2], found.moduli[:, 2, 2, 2, 2]
             zero = _STRESS * np.abs(found.stress).max(axis=(1, 2)) + _MODULI * np.abs(A)
             rows = np.flatnonzero(~(np.abs(P) <= zero))
-            if not len(rows) or not np.isfinite(x).all():
+            if not len(rows):
                 break
             high = np.where(P > 0, x, high)
             low = np.where(P < 0, x, low)
             x[rows] -= P[rows] / np.where(A[rows] > 0, A[rows], np.inf)
             astray = rows[~((x[rows] > low[rows]) & (x[rows] < high[rows]))]
-            x[astray] = (low[astray] + high[astray]) / 2
+            with np.errstate(invalid="ignore"):
+                x[astray] = (low[astray] + high[astray]) / 2
+            if not np.isfinite(x).all():
+                break  # as where the material has softened so far that nothing bounds F_33
             F[rows, 2, 2] = x[rows]
             own = None if strain is None else strain[rows]
             for known, new in zip(found, self._strained(F[rows], state[rows], own), strict=True):
@@ -86,7 +89,8 @@ class PointEvaluator:
         F[rows] = deformation[rows]
         moduli = found.moduli
         to_33 = moduli[..., 2, 2, None, None] * moduli[:, None, None, 2, 2]
-        moduli -= to_33 / moduli[:, 2, 2, 2, 2, None, None, None, None]
+        with np.errstate(divide="ignore", invalid="ignore"):  # points without an answer
+            moduli -= to_33 / moduli[:, 2, 2, 2, 2, None, None, None, None]
         return found, F
 
     def _strained(self, deformation: Array, state: Array, strain: Array | None) -> Response:
