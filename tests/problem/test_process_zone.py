@@ -17,6 +17,7 @@ from vmdg.base.parallel import global_max
 from vmdg.checks.zone import EXCESS, layer
 from vmdg.laws.base import separation
 from vmdg.meshes import beams, blocks
+from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT, plates
 
 E, NU, P, G, T, CRACK = 70e3, 0.3, 60.0, 0.2, 1.5, 20.0
 PLANE = E / (1 - NU**2)
@@ -91,6 +92,22 @@ def test_layer_thinner_than_its_zone(comm, layered):
     told = run(problem, [2.0 if layered else 8.0])[1]
     assert global_max(comm, problem.state[0].damage.max(initial=0.0)) > 0
     assert len(told) == (comm.rank == 0 and not layered)
+
+
+def test_wide_facets_of_a_straight_front(comm):
+    """What counts is their size along the way of the crack, not that along its front."""
+    x = [0.0, 5.0, 10.0, 15.0, *np.arange(18.0, 26.0, 0.5), 30.0, 40.0]
+    mesh, cells, facets = plates(comm, x, (0, 4.0), T, precrack=CRACK)
+    law = vmdg.Debonding(P, 2 * G / P)
+    bond = vmdg.Interface(facets=facets.find(INTERFACE), law=law)
+    arms = dict.fromkeys((1, 2), vmdg.NeoHookean(E=E, nu=NU))
+    problem = vmdg.Problem(mesh, cells, arms, [bond], kinematics="small", degree=2)
+    problem.dirichlet(facets.find(LOWER_LEFT), lambda t: -t, "z")
+    problem.dirichlet(facets.find(UPPER_LEFT), lambda t: t, "z")
+    problem.dirichlet(facets.find(RIGHT), 0.0)
+    told = run(problem, [0.65])[1]
+    assert global_max(comm, problem.state[0].damage.max(initial=0.0)) > 0
+    assert not told
 
 
 @pytest.mark.parametrize(("degree", "facets"), [(1, 20), (2, 12)])

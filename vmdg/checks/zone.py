@@ -71,7 +71,7 @@ TOLD = 1.01
 #: Excess of a peak, relative to y^2, and the y up to which it was measured.
 EXCESS, MEASURED = 0.07, 4.0
 
-#: Thicknesses that differ by this, relative, are those of different bodies.
+#: Thicknesses that differ by this, relative, are those of different bodies; loads likewise.
 SAME = 1e-6
 
 #: Number of angles of the mean of H, which is periodic: the trapezoidal rule converges fast.
@@ -153,9 +153,13 @@ class ZoneWatch:
             points = np.flatnonzero(place == f)
             mean = q.normal[points].mean(axis=0)
             N[n] = mean / np.linalg.norm(mean)
-            first, last = (points[find(load[points])] for find in (np.argmax, np.argmin))
-            way = (q.points[last] - q.points[first])[:d]
-            way = way - (way @ N[n]) * N[n]
+            first = points[np.argmax(load[points])]
+            X = q.points[points, :d] - q.points[points, :d].mean(axis=0)
+            X -= np.outer(X @ N[n], N[n])
+            # The steepest descent of the load: two points alone may lie askew to it.
+            way = -np.linalg.lstsq(X, load[points] - load[points].mean(), rcond=1e-9)[0]
+            if not np.abs(X @ way).max() > SAME * load[points].max():  # a peak in the middle
+                way = X[np.argmin(load[points])] - X[np.argmax(load[points])]
             x[n] = way / np.linalg.norm(way)
             moved = history.gap[first] if history.gap[first].any() else history.traction[first]
             moved = moved / np.linalg.norm(moved) if moved.any() else N[n]
