@@ -45,7 +45,7 @@ class Parameters(Mapping[str, Any]):
 
 
 def _short(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else type(value).__name__
+    return f"{value:.6g}" if isinstance(value, Real) else type(value).__name__
 
 
 class FromOthers:
@@ -129,7 +129,8 @@ class Material:
         super().__setattr__(name, value)
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{name}={_short(value)}" for name, value in self.parameters.items())
+        given = getattr(self, "parameters", {})  # a subclass may lack them, which is then told
+        values = ", ".join(f"{name}={_short(value)}" for name, value in given.items())
         return f"<{type(self).__name__}: {values}>"
 
     @property

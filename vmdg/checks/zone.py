@@ -40,6 +40,7 @@ isotropic and orthotropic, of degree 1 and 2, have peaks higher by 0.04 y^2 to 0
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import NamedTuple
 from weakref import WeakSet
 
@@ -304,7 +305,8 @@ def _materials(problem: Problem) -> NDArray[np.int64]:
     known: list[object] = []
     numbers = np.zeros(len(problem.discretization.bodies.tags), dtype=np.int64)
     for tag, material in problem.materials.items():
-        name = material.kernel_key, repr(material)
+        values = ((k, v if isinstance(v, Real) else id(v)) for k, v in material.parameters.items())
+        name = material.kernel_key, tuple(values)
         if name not in known:
             known.append(name)
         numbers[problem.discretization.bodies.cells_of[tag]] = known.index(name)

@@ -39,7 +39,7 @@ def _quadrature(mesh: Mesh, facets: InterfaceFacets, degree: int, geometry: Geom
     return FacetPoints(mesh, facets, degree, geometry)
 
 
-#: Of r zeta, relative, with room.
+#: Rounding of T of an open point, relative to r zeta, with room.
 ROUNDING = 1e-12
 
 

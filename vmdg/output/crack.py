@@ -14,6 +14,7 @@ from ..forms.geometry import Axisymmetric
 from ..interface.values import InterfaceState
 from ..points.interface import Which, label_of, number_of
 from ..problem.problem import Problem
+from ..problem.step import energy_of
 
 
 class CrackGrowth:
@@ -73,7 +74,7 @@ class CrackGrowth:
         self._problem = problem
         self._width = float(geometry.thickness if width is None else width)
         self._start = start
-        self._before = (self._crack(self._state()), problem.energy().damage)
+        self._before = (self._crack(self._state()), energy_of(problem.step).damage)
 
     def _state(self) -> InterfaceState:
         return self._problem.state[self._number]
@@ -113,7 +114,7 @@ class CrackGrowth:
             "crack [mm]", "zone [mm]", "resistance [N/mm]", NaN in a row without growth, and in 2D
             "mode_1 [N/mm]" and "mode_2 [N/mm]".
         """
-        state, spent = self._state(), self._problem.energy().damage
+        state, spent = self._state(), energy_of(self._problem.step).damage
         crack = self._crack(state)
         breaking = (state.damage > self._initial(state)) & (state.damage < BROKEN)
         last, before = self._before

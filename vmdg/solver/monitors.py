@@ -65,7 +65,7 @@ def energy_columns(problem: Problem) -> dict[str, float]:
 def differentiable_energies(problem: Problem) -> dict[str, float]:
     """The energies that have derivatives, for a row; collective."""
     kinds = "bulk", "interface", "springs", "damage", "friction"
-    energy = problem.energy()
+    energy = energy_of(problem.step)
     return {f"{name} [N mm]": float(getattr(energy, name)) for name in kinds}
 
 
