@@ -34,7 +34,7 @@ def limit_point(
     steps: Steps, last: Neighbour | None, limit: Snapshot, beyond: Neighbour, way: float
 ) -> tuple[Snapshot, Attempt | None]:
     """The evaluated state of largest load around the last state before the load falls, and the step
-    that ended there; None where it is none of those beyond.
+    that ended there; None where it is not beyond that state, whose damage it would undo.
 
     At the left of two points the load increases with the work, at the right one it is lower or
     decreases. This remains true while they approach, so a maximum lies in between, however the path
@@ -75,7 +75,7 @@ def limit_point(
             left = found
         else:
             right = found
-    return best.state, best.found if best.height > 0 else None
+    return best.state, best.found if best.work > 0 else None
 
 
 def meeting(left: PathPoint, right: PathPoint, small: float) -> tuple[float, float]:
