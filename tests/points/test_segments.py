@@ -131,7 +131,8 @@ def test_clipping():
 
 
 def joined(*parts: FlatFacets) -> FlatFacets:
-    return FlatFacets(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    arrays = zip(*((part.corners, part.normals) for part in parts), strict=True)
+    return FlatFacets(*map(np.concatenate, arrays))
 
 
 def film(
@@ -211,10 +212,8 @@ def test_passed():
 
     def moved(facets, way, turn=0.0):
         c, s = np.cos(turn), np.sin(turn)
-        return FlatFacets(
-            *(x @ np.array([[c, s], [-s, c]]) + way for x in facets[:1]),
-            facets.normals @ np.array([[c, s], [-s, c]]),
-        )
+        Q = np.array([[c, s], [-s, c]])
+        return FlatFacets(facets.corners @ Q + way, facets.normals @ Q)
 
     for way, expected in (
         ((0.0, -0.2), True),
@@ -274,5 +273,5 @@ def test_sixty_degrees_are_opposite():
     low, high = line(6, up=False), line(5, up=True, slope=np.tan(np.pi / 3))
     for angle in np.linspace(0.0, 2 * np.pi, 24):
         turn = rotation(2, angle)
-        one, two = (FlatFacets(*(array @ turn.T for array in side)) for side in (low, high))
+        one, two = (FlatFacets(s.corners @ turn.T, s.normals @ turn.T) for s in (low, high))
         assert cut(one, two).measures.sum() == pytest.approx(1.0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..laws import Mode
 from ..points.pair_points import PairPoints
-from ..points.segments import FlatFacets, plane_axes
+from ..points.segments import FlatFacets
 from .values import InterfaceState
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class BondedArea:
         rows = np.flatnonzero(lost > _LEAST * self._areas)
         if not len(rows):
             return InterfaceState.empty(d)
-        before, (now, other) = surfaces.flat()[0].rows(rows), surfaces.flat(u)
+        before, (now, other) = surfaces.reference[0].rows(rows), surfaces.flat(u)
         now, weights = now.rows(rows), lost[rows]
         axes = np.tile(np.eye(d)[:, None], (len(rows), 1))
         middle = (self._moments - moments)[rows] / weights[:, None]
@@ -112,7 +112,7 @@ def _ways(points: Array, facets: FlatFacets) -> Array:
     best = np.linalg.norm(to_sides, axis=2).argmin(axis=1)
     ways = to_sides[np.arange(len(points)), best]
     if points.shape[1] == 3:
-        axes = plane_axes(facets)
+        axes = facets.axes
         flat = np.einsum("fki,fci->fck", axes, corners - x)
         a, b = flat, np.roll(flat, -1, axis=1)
         turn = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -189,7 +189,7 @@ class PairPoints(Points):
     def shifts(self) -> Shifts:
         """How points move with side 2; not with a bond."""
         segments, order, t = self.facets.segments, self._order, self.d - 1
-        corners, follows = segments.corners[:, order], segments.follows[:, order]
+        corners, follows = segments.corners[:, order], segments.follows()[:, order]
         follows[: self.facets.bonded] = 0.0
         rule = self._rule
         places = rule.corners @ corners

@@ -151,9 +151,17 @@ class Surfaces:
         """Rows of the facets of side 1 that this rank owns."""
         return np.flatnonzero(np.isin(self.whole[0].facets, self.sides[0].facets))
 
-    def flat(self, u: fem.Function | None = None) -> tuple[FlatFacets, FlatFacets]:
+    @cached_property
+    def reference(self) -> tuple[FlatFacets, FlatFacets]:
+        """The whole surfaces in the reference configuration."""
+        one, two = self.whole
+        return _flat_facets(self.mesh, one, None), _flat_facets(self.mesh, two, None)
+
+    def flat(self, u: fem.Function | None) -> tuple[FlatFacets, FlatFacets]:
         """The whole surfaces in the configuration of a displacement; None for the reference
         configuration."""
+        if u is None:
+            return self.reference
         one, two = self.whole
         return _flat_facets(self.mesh, one, u), _flat_facets(self.mesh, two, u)
 
@@ -184,7 +192,7 @@ class Surfaces:
         flat, rows = self.flat(u), np.arange(len(self.sides[0].facets))
         if bonded is None or not bonded.any():
             return self._from(flat, self._cut(flat, rows, False), 0)
-        reference = self.flat()
+        reference = self.reference
         parts = [
             self._cut(reference, rows[bonded], True),
             self._cut(flat, rows[~bonded], False),
@@ -221,7 +229,7 @@ class Surfaces:
     @cached_property
     def spheres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Centres (n, d) and radii (n,) of the facets of side 1 before deformation [mm]."""
-        flat = self.flat(None)[0].rows(self._owned)
+        flat = self.reference[0].rows(self._owned)
         return flat.centres, flat.radii
 
     def intact(self) -> NDArray[np.bool_]:
@@ -651,7 +659,7 @@ def _check_pairs(comm: MPI.Comm, pairs: PairedFacets, whole: bool) -> None:
     """Check the first pairs of two surfaces, or of the ``whole`` surfaces of two groups;
     collective."""
     surfaces, segments = pairs.surfaces, pairs.segments
-    flat, label = surfaces.flat(), surfaces.label
+    flat, label = surfaces.reference, surfaces.label
     if surfaces.gaps:
         _refuse_overlap(comm, surfaces, segments)
     if surfaces.moves:
@@ -713,7 +721,7 @@ def _check_joined(
 ) -> None:
     """Check bodies that are joined across gaps, if any, and say how much of side 1, with facets of
     this ``area``, they leave out; collective."""
-    flat, label = surfaces.flat(), surfaces.label
+    flat, label = surfaces.reference, surfaces.label
     covered = np.bincount(segments.first, segments.measures, minlength=len(area))
     twice, message = np.flatnonzero(covered > (1 + _TWICE) * area), None
     if len(twice):

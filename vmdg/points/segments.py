@@ -10,7 +10,8 @@ across their kinks.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -60,7 +61,8 @@ void pieces(long{", void *" * 6});
 """
 
 
-class FlatFacets(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class FlatFacets:
     """Facets by their corners.
 
     Attributes:
@@ -90,9 +92,9 @@ class FlatFacets(NamedTuple):
         return cls(corners, normals * turns[:, None])
 
     def rows(self, select: NDArray) -> FlatFacets:
-        return FlatFacets(*(array[select] for array in self))
+        return FlatFacets(self.corners[select], self.normals[select])
 
-    @property
+    @cached_property
     def centres(self) -> Array:
         """Means of the corners (n, d) [mm]."""
         return self.corners.mean(axis=1)
@@ -100,18 +102,32 @@ class FlatFacets(NamedTuple):
     def grown(self, factor: float) -> FlatFacets:
         """Facets that are larger by a factor, about their centres."""
         centres = self.centres[:, None]
-        return self._replace(corners=centres + factor * (self.corners - centres))
+        return replace(self, corners=centres + factor * (self.corners - centres))
 
-    @property
+    @cached_property
     def radii(self) -> Array:
         """Distances of the farthest corners from the centre (n,) [mm]."""
         return np.linalg.norm(self.corners - self.centres[:, None], axis=2).max(axis=1)
 
-    @property
+    @cached_property
+    def axes(self) -> Array:
+        """Orthonormal axes of the planes (n, d - 1, d)."""
+        normals = self.normals
+        if normals.shape[1] == 2:
+            return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None]
+        edge = self.corners[:, 1] - self.corners[:, 0]
+        edge -= np.einsum("fi,fi->f", edge, normals)[:, None] * normals
+        edge /= np.linalg.norm(edge, axis=1, keepdims=True)
+        return np.stack([edge, np.cross(normals, edge)], axis=1)
+
+    @cached_property
     def measures(self) -> Array:
         """Lengths, or areas (n,) [mm; mm2]."""
-        axes = plane_axes(self)
-        return np.abs(_measures(_projected(self.corners, self.centres, axes)))
+        return np.abs(_measures(_projected(self.corners, self.centres, self.axes)))
+
+    @cached_property
+    def tree(self) -> FacetTree:
+        return FacetTree(self)
 
 
 class Segments(NamedTuple):
@@ -125,9 +141,7 @@ class Segments(NamedTuple):
         corners: Corners in the plane (n, c, d - 1) [mm].
         origins: Origin of the plane (n, d) [mm].
         axes: Its orthonormal axes (n, d - 1, d).
-        follows: How corners move in the plane where the second facet moves by g relative to the
-            first one: by the product with g (n, c, d - 1, d - 1). Corners of the first facet rest,
-            those of the second one follow, and intersections of sides move along that of the first.
+        one, two: The whole facets in the plane (n, k, d - 1) [mm].
         away: Distance of the second facet along the normal of the first, at the middle (n,),
             negative where bodies overlap [mm].
     """
@@ -137,13 +151,20 @@ class Segments(NamedTuple):
     corners: Array
     origins: Array
     axes: Array
-    follows: Array
+    one: Array
+    two: Array
     away: Array
 
     @property
     def measures(self) -> Array:
         """Lengths, or areas (n,) [mm; mm2]."""
         return np.abs(_measures(self.corners))
+
+    def follows(self) -> Array:
+        """How corners move in the plane where the second facet moves by g relative to the first
+        one: by the product with g (n, c, d - 1, d - 1). Corners of the first facet rest, those of
+        the second one follow, and intersections of sides move along that of the first."""
+        return _followed(self.corners, self.one, self.two)
 
     def rows(self, select: NDArray) -> Segments:
         return Segments(*(array[select] for array in self))
@@ -170,21 +191,19 @@ def cut(
         reach: Largest distance, not overlap, relative to the radius of the larger facet.
         whole: The first surface, and which of its facets ``first`` are.
     """
-    tree = FacetTree(second)
     limit = np.minimum(most, reach * (first.radii + second.radii.max(initial=0.0)))
     behind = np.full(len(limit), most)
-    i, j = tree.opposite(first, limit, behind, OPPOSITE)
+    i, j = second.tree.opposite(first, limit, behind, OPPOSITE)
     d = first.corners.shape[2]
-    axes, centres = plane_axes(first), first.centres
+    axes, centres = first.axes, first.centres
     one, two = _both_projected(first, second, i, j)
     pair, corners = (_intervals if d == 2 else _polygons)(one, two)
     i, j = i[pair], j[pair]
-    follows = _followed(corners, one[pair], two[pair])
     # The distance along the normal, at the middle of the segment.
     middle = centres[i] + np.einsum("sk,skd->sd", corners.mean(axis=1), axes[i])
     away = np.einsum("sd,sd->s", second.centres[j] - middle, second.normals[j])
     away /= np.einsum("sd,sd->s", first.normals[i], second.normals[j])
-    found = Segments(i, j, corners, centres[i], axes[i], follows, away)
+    found = Segments(i, j, corners, centres[i], axes[i], one[pair], two[pair], away)
     least = _SLIVER * np.minimum(first.measures[i], second.measures[j])
     larger = np.maximum(first.radii[i], second.radii[j])
     keep = found.measures > least
@@ -192,7 +211,7 @@ def cut(
     found, middle = found.rows(keep), middle[keep]
     body, numbers = (first, np.arange(len(first.corners))) if whole is None else whole
     mine = numbers[found.first]
-    return found.rows(_facing(found, middle, mine, (FacetTree(body), tree)))
+    return found.rows(_facing(found, middle, mine, (body.tree, second.tree)))
 
 
 def _facing(
@@ -246,7 +265,7 @@ def soon_paired(first: FlatFacets, second: FlatFacets, reach: float) -> tuple[Nu
     they are larger by a fraction :data:`_SOON`, by facets of the first surface."""
     one, two = (side.grown(1 + _SOON) for side in (first, second))
     limit = reach * (one.radii + two.radii.max(initial=0.0))
-    i, j = FacetTree(two).opposite(one, limit, limit, OPPOSITE)
+    i, j = two.tree.opposite(one, limit, limit, OPPOSITE)
     both = _both_projected(one, two, i, j)
     meet = np.unique((_intervals if first.corners.shape[2] == 2 else _polygons)(*both)[0])
     return i[meet], j[meet]
@@ -264,7 +283,7 @@ def inside(facets: FlatFacets, body: FlatFacets, paired: Numbers, deepest: float
     Args:
         deepest: The deepest overlap of pairs [mm].
     """
-    x, N, tree = facets.centres, facets.normals, FacetTree(body)
+    x, N, tree = facets.centres, facets.normals, body.tree
     size = np.concatenate([facets.radii, body.radii]).max(initial=0.0)
     start, end = np.full(len(x), _ON * size), np.full(len(x), np.inf)
     _, first = tree.first_along(x, -N, start, end)
@@ -272,7 +291,7 @@ def inside(facets: FlatFacets, body: FlatFacets, paired: Numbers, deepest: float
     depth = np.zeros(len(x))
     _, depth[deep], _ = tree.nearest(x[deep])
     deep = deep[depth[deep] > _BETWEEN * size]
-    held = FacetTree(body.rows(paired))
+    held = body.rows(paired).tree
     around = 2 * np.maximum(depth[deep], deepest)
     alone = held.nearest(x[deep], around)[2] < 0
     found = np.zeros(len(x))
@@ -294,11 +313,11 @@ def passed(facets: FlatFacets, body: FlatFacets, before: tuple[FlatFacets, FlatF
     i, j = near["i"], near["j"]
     opposite = np.einsum("pd,pd->p", facets.normals[i], body.normals[j]) < -OPPOSITE
     i, j = i[opposite], j[opposite]
-    axes, places, heights = plane_axes(body)[j], [], []
+    axes, places, heights = body.axes[j], [], []
     for one, two in (before, (facets, body)):
         way = one.centres[i] - two.centres[j]
         heights.append(np.einsum("pd,pd->p", way, two.normals[j]))
-        places.append(np.einsum("pkd,pd->pk", plane_axes(two)[j], way))
+        places.append(np.einsum("pkd,pd->pk", two.axes[j], way))
     through = (heights[0] > 0) & (heights[1] < 0)
     share = (heights[0] / np.where(through, heights[0] - heights[1], 1.0))[:, None]
     crossed = (1 - share) * places[0] + share * places[1]
@@ -322,17 +341,6 @@ def _contain(polygons: Array, points: Array) -> NDArray[np.bool_]:
     return (outward <= 0).all(axis=1)
 
 
-def plane_axes(facets: FlatFacets) -> Array:
-    """Orthonormal axes of the planes of facets (n, d - 1, d)."""
-    normals = facets.normals
-    if normals.shape[1] == 2:
-        return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None]
-    edge = facets.corners[:, 1] - facets.corners[:, 0]
-    edge -= np.einsum("fi,fi->f", edge, normals)[:, None] * normals
-    edge /= np.linalg.norm(edge, axis=1, keepdims=True)
-    return np.stack([edge, np.cross(normals, edge)], axis=1)
-
-
 def _projected(points: Array, origins: Array, axes: Array) -> Array:
     """Coordinates of points (n, c, d) in planes (n, c, d - 1)."""
     return np.einsum("nkd,ncd->nck", axes, points - origins[:, None])
@@ -343,7 +351,7 @@ def _both_projected(
 ) -> tuple[Array, Array]:
     """Facets ``i`` of one surface and ``j`` of another in the planes of the former
     (n, c, d - 1)."""
-    axes, centres = plane_axes(first)[i], first.centres[i]
+    axes, centres = first.axes[i], first.centres[i]
     return _projected(first.corners[i], centres, axes), _projected(second.corners[j], centres, axes)
 
 
@@ -385,7 +393,7 @@ def _polygons(one: Array, two: Array) -> tuple[Numbers, Array]:
 
 
 def _followed(corners: Array, one: Array, two: Array) -> Array:
-    """The products of :attr:`Segments.follows` for corners (n, c, d - 1) of intersections of
+    """The products of :meth:`Segments.follows` for corners (n, c, d - 1) of intersections of
     polygons (n, k, d - 1)."""
     if corners.shape[2] == 1:
         size = _ALONG * np.abs(one).max(axis=(1, 2), initial=0.0)[:, None, None]
