@@ -18,6 +18,7 @@ from .packing import pack
 from .partition import cell_partitioner
 from .polycrystal import polycrystal
 from .pushout import pushout, pushout_section
+from .refined import refined
 from .two_blocks import blocks
 from .walls import with_wall
 
@@ -38,6 +39,7 @@ __all__ = [
     "pushout_section",
     "random_fibres",
     "read_mesh",
+    "refined",
     "with_wall",
     "write_mesh",
 ]
@@ -50,6 +52,7 @@ _GIVEN = (
     "distribute",
     "model",
     "read_mesh",
+    "refined",
     "with_wall",
 )
 

@@ -38,7 +38,7 @@ def apart(parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]) -> TaggedMesh:
             two tags.
     """
     meshes = [mesh for mesh, _, _ in parts]
-    comm, dim = meshes[0].comm, meshes[0].topology.dim
+    comm = meshes[0].comm
     kinds = {(m.topology.cell_name(), compat.coordinate_element(m).degree) for m in meshes}
     if len(kinds) > 1:
         raise ValueError(
@@ -51,16 +51,33 @@ def apart(parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]) -> TaggedMesh:
             raise ValueError(
                 f"apart: cell tag {min(twice)} is in two parts; give every body tags of its own"
             )
-    (name, degree), variant = kinds.pop(), compat.coordinate_element(meshes[0]).variant
+    names = [names_of([part[i] for part in parts]) for i in (1, 2)]
+    return distributed(comm, *cells_in_order(comm, parts), meshes[0], names)
+
+
+def distributed(
+    comm: MPI.Comm,
+    x: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    like: Mesh,
+    names: Sequence[dict[str, int]],
+) -> TaggedMesh:
+    """A mesh of cells that any ranks have, with their tags; collective.
+
+    Args:
+        x, rows: As of :func:`cells_in_order`.
+        like: A mesh of the same kind of cells.
+        names: Of the tags of cells and of facets.
+    """
+    dim, of_cell = like.topology.dim, compat.coordinate_element(like)
     element = basix.ufl.element(
         "Lagrange",
-        name,
-        degree,
-        lagrange_variant=basix.LagrangeVariant(variant),
-        shape=(meshes[0].geometry.dim,),
+        like.topology.cell_name(),
+        of_cell.degree,
+        lagrange_variant=basix.LagrangeVariant(of_cell.variant),
+        shape=(like.geometry.dim,),
     )
-    x, rows = _cells_in_order(comm, parts)
-    size = compat.geometry_dofmap(meshes[0]).shape[1]
+    size = compat.geometry_dofmap(like).shape[1]
     cells, groups = rows[:, :size], rows[:, size:].astype(np.int32)
     mesh = create_mesh(comm, cells, x=x, e=ufl.Mesh(element), partitioner=cell_partitioner())
     # Cells are renumbered and on other ranks, but the nodes of a cell keep their order.
@@ -70,17 +87,19 @@ def apart(parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]) -> TaggedMesh:
     mesh.topology.create_connectivity(dim - 1, dim)
     facets = mesh.topology.connectivity(dim, dim - 1).array
     made = []
-    for i, (number, entities, values) in enumerate(
-        ((dim, np.arange(len(groups)), groups[:, 0]), (dim - 1, facets, groups[:, 1:].ravel())), 1
+    for called, (number, entities, values) in zip(
+        names,
+        ((dim, np.arange(len(groups)), groups[:, 0]), (dim - 1, facets, groups[:, 1:].ravel())),
+        strict=True,
     ):
         tagged = np.flatnonzero(values != UNTAGGED)
         indices, first = np.unique(entities[tagged], return_index=True)
         found = meshtags(mesh, number, indices.astype(np.int32), values[tagged[first]])
-        made.append(NamedTags(found, _names([part[i] for part in parts])))
+        made.append(NamedTags(found, called))
     return TaggedMesh(mesh, *made)
 
 
-def _cells_in_order(
+def cells_in_order(
     comm: MPI.Comm, parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Nodes of all parts that this rank owns (n, d), and a share of their cells; collective.
@@ -142,7 +161,7 @@ def _rows_of(
     return values.array.reshape(-1, rows.shape[1])[local]
 
 
-def _names(parts: Sequence[NamedTags | MeshTags]) -> dict[str, int]:
+def names_of(parts: Sequence[NamedTags | MeshTags]) -> dict[str, int]:
     names: dict[str, int] = {}
     for part in parts:
         for name, tag in getattr(part, "names", {}).items():

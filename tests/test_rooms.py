@@ -30,7 +30,7 @@ FLOORS = (
     ("plot", "checkpoint", "linear"),
     ("sensitivity",),
     ("solver",),
-    ("dynamics", "identification"),
+    ("dynamics", "identification", "remeshing"),
     ("vmdg",),
     ("doctor",),
     ("__main__",),

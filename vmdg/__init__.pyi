@@ -60,6 +60,10 @@ from .problem.periodic import Periodic as Periodic
 from .problem.problem import Problem as Problem
 from .problem.states import Energy as Energy
 from .problem.states import Snapshot as Snapshot
+from .remeshing.adaptive import Adapted as Adapted
+from .remeshing.adaptive import solve_adaptively as solve_adaptively
+from .remeshing.transfer import Transfer as Transfer
+from .remeshing.transfer import transfer as transfer
 from .solver.options import PathOptions as PathOptions
 from .solver.options import SolveOptions as SolveOptions
 from .solver.result import Counts as Counts

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 import dolfinx
 import numpy as np
 import ufl
-from dolfinx import cpp, fem
+from dolfinx import cpp, fem, geometry
 from dolfinx.common import IndexMap
 from dolfinx.mesh import (
     GhostMode,
@@ -80,6 +80,34 @@ def facet_submesh(mesh: Mesh, facets: NDArray[np.int32]) -> FacetSubmesh:
     inverse = np.full(parent_facets.size_local + parent_facets.num_ghosts, -1, dtype=np.int32)
     inverse[entity_map] = np.arange(len(entity_map), dtype=np.int32)
     return FacetSubmesh(submesh, np.asarray(entity_map), {submesh: inverse})
+
+
+def cell_submesh(mesh: Mesh, cells: NDArray[np.int32]) -> tuple[Mesh, NDArray[np.int32]]:
+    """Some cells as a mesh of their own, and the parent of each of its cells; collective."""
+    submesh, entity_map, *_ = create_submesh(mesh, mesh.topology.dim, cells)
+    if not _NEW:
+        return submesh, np.asarray(entity_map, dtype=np.int32)
+    count = submesh.topology.index_map(submesh.topology.dim)
+    numbers = np.arange(count.size_local + count.num_ghosts, dtype=np.int32)
+    return submesh, entity_map.sub_topology_to_topology(numbers, False)
+
+
+def point_owners(
+    mesh: Mesh, points: NDArray[np.float64], padding: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """Where points (n, 3) of all ranks are, or the nearest cell no farther than ``padding``;
+    collective.
+
+    Returns:
+        The rank that has each of them (n,); for every point that this rank has, which rank asks
+        for it, in their order, and the cell.
+    """
+    given = np.ascontiguousarray(points), padding
+    if _NEW:
+        found = geometry.determine_point_ownership(mesh, *given)
+        return found.src_owner, found.dest_owner, found.dest_cells
+    found = cpp.geometry.determine_point_ownership(mesh._cpp_object, *given)
+    return found.src_owner, found.dest_owners, found.dest_cells
 
 
 def form(integrand: ufl.Form, submeshes: Sequence[FacetSubmesh], jit_options: dict) -> fem.Form:

@@ -146,9 +146,9 @@ class ZoneWatch:
         facets, q, history = active.facets, active.quadrature, active.history
         if number not in self._thickness:
             self._thickness[number] = _thickness(problem, number)
-        place, load = facets.facets[q.facet], _load(active)
+        place, load = facets.facets[q.facet], load_of(active)
         rows = np.array([np.flatnonzero(facets.facets == f)[0] for f in tips], dtype=np.intp)
-        cells, corners = facets.cells[rows], _corners(problem.mesh, tips)[:, :, :d]
+        cells, corners = facets.cells[rows], facet_corners(problem.mesh, tips)[:, :, :d]
         N, x, c = np.zeros((len(tips), d)), np.zeros((len(tips), d)), np.zeros(len(tips))
         for n, f in enumerate(tips):
             points = np.flatnonzero(place == f)
@@ -207,7 +207,7 @@ class ZoneWatch:
         )
 
 
-def _load(active: ActiveInterface) -> Array:
+def load_of(active: ActiveInterface) -> Array:
     """Traction relative to the strength at the points of an interface (nq,), 1 where bonds have
     begun to fail."""
     q, T, law = active.quadrature, active.history.traction, active.law
@@ -222,7 +222,7 @@ def _tips(active: ActiveInterface) -> tuple[NDArray[np.int32], Array]:
 
     There it varies by a factor of two at least, other than where a section fails at once.
     """
-    load, rows = _load(active), active.facets.facets[active.quadrature.facet]
+    load, rows = load_of(active), active.facets.facets[active.quadrature.facet]
     near = np.isin(rows, rows[load >= CARRIED])
     tips, place = np.unique(rows[near], return_inverse=True)
     most, least = np.zeros(len(tips)), np.full(len(tips), np.inf)
@@ -340,7 +340,7 @@ def _cell_moments(mesh: Mesh, owned: int) -> Array:
     return np.column_stack([dV.sum(axis=1), first, second.reshape(len(dV), first.shape[1] ** 2)])
 
 
-def _corners(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
+def facet_corners(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
     """Corners of facets (nf, corners, 3) [mm]."""
     dim = mesh.topology.dim - 1
     count = len(basix.geometry(basix.cell.subentity_types(mesh.basix_cell())[dim][0]))

@@ -451,16 +451,21 @@ class PointBodies:
         owned = self.cells < self._mesh.topology.index_map(self._mesh.topology.dim).size_local
         return J * around * self._weights * owned[:, None] * float(self._geometry.thickness)
 
+    def places(self, tag: int) -> Array:
+        """X of the points of a body, in all local cells (n, 3) [mm]."""
+        _, start, stop = self._parts[list(self.materials).index(tag)]
+        geometry_map, d = GeometryMap(self._mesh, self.points), self._mesh.geometry.dim
+        x = geometry_map.positions(geometry_map.nodes(self.cells[start:stop]))
+        places = np.zeros(((stop - start) * len(self.points), 3))
+        places[:, :d] = x.reshape(d, -1).T
+        return places
+
     def of_tag(self, tag: int) -> BodyState:
         number = list(self.materials).index(tag)
         material, start, stop = self._parts[number]
         volumes = self._volumes[start:stop].ravel()
         owned = volumes > 0
-        geometry_map = GeometryMap(self._mesh, self.points)
-        nodes = geometry_map.nodes(self.cells[start:stop])
-        places = np.zeros((len(volumes), 3))
-        d = self._mesh.geometry.dim
-        places[:, :d] = geometry_map.positions(nodes).reshape(d, -1).T
+        places = self.places(tag)
         names, sizes = list(material.fields), list(material.fields.values())
         columns = np.split(self.state.history[number], np.cumsum(sizes)[:-1], axis=1)
         history = {

@@ -468,6 +468,11 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
             active.take(values if alone else rows_of(values, slice(end - len(trial.opening), end)))
 
 
+def resume(active: ActiveInterface, gradient: NDArray[np.float64]) -> None:
+    """Take the work gradient of the last step of a run that continues here (nq, d) [mm]."""
+    active._resumed = gradient
+
+
 def lets_go(active: ActiveInterface) -> bool:
     """Whether facets are left out where they are open: their law can fail, and there is no fluid to
     push them."""

@@ -72,6 +72,18 @@ def hold_unstressed(active: ActiveInterface) -> None:
     active.values = replace(active.start(), compliance=active.values.compliance)
 
 
+def hold_here(active: ActiveInterface, C: NDArray[np.float64]) -> None:
+    """C (nq, d, d), and the frame at the present displacement with the zeta of the history: values
+    with zeta held are otherwise in the frame of the last return map, which a state from elsewhere
+    does not have. Not with an initial gap."""
+    values, trial = replace(active.values, compliance=C), active.trial()
+    if (R := values.rotation) is not None:
+        total, T = (np.einsum("pji,pj->pi", R, one) for one in (trial.total, values.traction))
+        inside = {"frame_gap": active.history.gap, "frame_traction": T}
+        values = replace(values, frame_gradient=trial.F, frame_total=total, **inside)
+    active.values = values
+
+
 def hold_points(active: ActiveInterface, begun: PointValues, points: Points) -> None:
     """Restore the values at the start of the step, with C = 0 at some points.
 

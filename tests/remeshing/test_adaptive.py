@@ -1,0 +1,100 @@
+"""Meshes that follow a crack, against a mesh that is fine where the crack comes by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.arms import CRACK, HEIGHT, LENGTH
+
+import vmdg
+from vmdg.meshes import beams, refined
+
+FINE, WINDOW = 0.5, 3.0
+LOADS = np.append(np.arange(1, 11) * 0.05, [0.7, 0.9])
+ENERGY = vmdg.SolveOptions(energy=True)
+
+
+def makes(comm, kinematics: str = "small", unloading: str = "plastic"):
+    """A function that makes a double cantilever beam with cells of a given size."""
+    stations, divisions = (0.0, 10.0, CRACK, LENGTH), (5, 1, 9)
+    root = beams(
+        comm,
+        cell="triangle",
+        stations=stations,
+        divisions=divisions,
+        height=HEIGHT,
+        rows=1,
+        precrack=CRACK,
+    )
+
+    def make(size) -> vmdg.Problem:
+        mesh, cells, sides = refined(root, size)
+        bond = vmdg.Debonding(strength=20.0, critical_gap=0.02, unloading=unloading)
+        interface = vmdg.Interface(facets=sides.find("interface"), law=bond)
+        body = vmdg.NeoHookean(E=70e3, nu=0.3)
+        problem = vmdg.Problem(
+            mesh, cells, {1: body, 2: body}, [interface], degree=2, kinematics=kinematics
+        )
+        for side in (1, -1):
+            problem.dirichlet_points(
+                lambda x, y=side * HEIGHT: np.isclose(x[0], 0.0) & np.isclose(x[1], y),
+                lambda t, side=side: side * t / 2,
+                "y",
+            )
+        problem.dirichlet(sides.find("right"), 0.0)
+        return problem
+
+    return make
+
+
+def opened(problem: vmdg.Problem) -> dict[str, float]:
+    where = lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], HEIGHT)  # noqa: E731
+    return {"force [N]": problem.reaction_points(where)[1]}
+
+
+@pytest.mark.parametrize("kinematics", ("small", "finite"))
+def test_peeled_beam(comm, kinematics):
+    """Force and energies of the fixed mesh at all given load factors, with fewer unknowns; energies
+    balance, and the wake is coarse again."""
+    make = makes(comm, kinematics)
+    found = vmdg.solve_adaptively(make, LOADS, FINE, WINDOW, ENERGY, opened)
+    along = lambda x: FINE + 0.4 * np.maximum(np.hypot(np.maximum(CRACK - x[0], 0), x[1]) - FINE, 0)  # noqa: E731
+    fixed = make(along)
+    there = vmdg.solve(fixed, LOADS, ENERGY, opened).history
+    here = found.history
+    assert len(found.transfers) >= 2
+    assert set(LOADS) <= set(here["load"])
+    assert (np.diff(here["load"]) >= 0).all()
+    for column in ("force", "damage", "external"):
+        curves = [run[column][np.isin(run["load"], LOADS)] for run in (here, there)]
+        assert curves[0] == pytest.approx(curves[1], rel=5e-3, abs=1e-3)
+    assert abs(here["imbalance"]).max() < 1e-4 * here["external"][-1]
+    dofmap = fixed.space.dofmap
+    assert here["unknowns"].max() < 0.8 * dofmap.index_map.size_global * dofmap.index_map_bs
+    # Whoever looks at the last mesh finds the tip where the fixed one has it.
+    shares = [problem.debonded(0) for problem in (found.problem, fixed)]
+    assert shares[0] == pytest.approx(shares[1], abs=FINE / (LENGTH - CRACK))
+
+
+def test_unloading_needs_no_mesh(comm):
+    """Load factors that fall again, on the mesh of the last front."""
+    make = makes(comm, unloading="secant")
+    found = vmdg.solve_adaptively(make, [0.3, 0.6, 0.3], FINE, WINDOW, ENERGY, opened)
+    damage, load = found.history["damage"], found.history["load"]
+    assert load[-1] == 0.3 and damage[-1] > 0
+    assert damage[-1] == pytest.approx(damage[load == 0.6][0], rel=1e-6)
+    assert len(found.results) == len(found.transfers) + 1
+
+
+def test_wrong_arguments(comm):
+    """Words that name what is wrong."""
+    make = makes(comm)
+    with pytest.raises(ValueError, match=r"window = 1\.0 must be positive lengths, the window at"):
+        vmdg.solve_adaptively(make, LOADS, FINE, 1.0)
+    with pytest.raises(ValueError, match="checkpoint= and csv= are of runs on one mesh"):
+        options = vmdg.SolveOptions(checkpoint="run")
+        vmdg.solve_adaptively(make, LOADS, FINE, WINDOW, options)
+    with pytest.raises(TypeError, match=r"make_problem returned None, not a vmdg\.Problem"):
+        vmdg.solve_adaptively(lambda size: None, LOADS, FINE, WINDOW)
+    with pytest.raises(ValueError, match="unknowns, more than most_unknowns = 400"):
+        vmdg.solve_adaptively(make, LOADS, FINE, WINDOW, most_unknowns=400)
