@@ -205,7 +205,7 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
             update=update,
         )
 
-    return mapped(trial.total) if trial.F is None else _in_frame(trial, mapped)
+    return mapped(trial.total) if trial.F is None else in_frame(trial, mapped)
 
 
 def map_back(law: Law, load: Array, trial: Trial, dt: float, keep: bool = True) -> Update:
@@ -256,7 +256,7 @@ def _check_answer(law: Law, load: Array, update: Update) -> None:
         )
 
 
-def _in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValues:
+def in_frame(trial: Trial, mapped: Callable[[Array], PointValues]) -> PointValues:
     """The return map in the rotating frame R: zeta = R.zeta~, T~ = R^T.T, N fixed.
 
     The couple c = zeta~ x T~ gives M = c_k W_k / 2 of ``forms.residual.frame_couple``, with

@@ -38,8 +38,8 @@ from ..problem.problem import Problem
 from ..problem.states import Rate, Rates, Works
 from .neighbours import Neighbours
 from .parameters import Parameter, parameters_of
-from .point_rates import Change, PointRates
-from .records import CHANGE, zeros
+from .point_rates import PointRates
+from .records import CHANGE, one_of, stacked, zeros
 from .rows import Row, Rows
 from .stabilization_rates import StabilizationRates
 
@@ -140,7 +140,7 @@ class Derivatives:
                 for known in zip(self._parameters, before, stabilizations, strict=True)
             ]
             points = self._point_rates(given, partial, dt)
-            begun = list(zip(*(one.at_rest() for one in points), strict=True))
+            begun = self._by_parameter([one.at_rest() for one in points])
             here = interface_forces(self._discretization)
             pulled = [
                 near.forces(parameter, known.stabilizations, values, here)
@@ -163,10 +163,10 @@ class Derivatives:
                 if follows:
                     u, forces = u + t * along, forces + t * (under - right[-1])
                 ways.append((near.everywhere(u), float(t), near.everywhere(forces)))
-            moves = zip(*(near.trials_along(u, t, given) for u, t, _ in ways), strict=True)
-            ended = (one.along(move) for one, move in zip(points, moves, strict=True))
+            moves = self._moves([(u, t) for u, t, _ in ways], given)
+            ended = [one.along(move) for one, move in zip(points, moves, strict=True)]
             known = zip(
-                self._parameters, partial, ways, zip(*ended, strict=True), before, strict=True
+                self._parameters, partial, ways, self._by_parameter(ended), before, strict=True
             )
             by_name = {parameter.name: self._rate(parameter, *rest) for parameter, *rest in known}
             step.rates = replace(step.rates, by_name=by_name, known=True)
@@ -207,26 +207,25 @@ class Derivatives:
         if not onset:
             return orthogonal
         # The points that begin to fail stay at their strength.
-        near, rates = self._neighbours, []
-        for k, u in enumerate((*still, along)):
-            moves = near.trials_along(near.everywhere(u), 0.0, given)
-            number = k if k < len(still) else None
-            rates.append(self._beginning(points, moves, number))
-        *begun, rise = global_sum(self._problem.comm, rates)
-        return -np.array(begun) / rise if rise else orthogonal
-
-    def _beginning(
-        self, points: Sequence[PointRates], moves: Sequence[Trial], number: int | None
-    ) -> float:
-        """Rate of the softening of all points of this rank that begin to fail in the step, see
-        :meth:`.PointRates.softening`."""
-        total = 0.0
+        near, total = self._neighbours, np.zeros(len(found))
+        moves = self._moves([(near.everywhere(u), 0.0) for u, _ in found], given)
         for active, rates, move in zip(self._actives, points, moves, strict=True):
             if active.law.inelastic:
                 rises = active.values.update.softening > active.history.softening
                 weights = active.quadrature.weights * (rises & (active.history.mode == 0))
-                total += float(weights @ rates.softening(move, number))
-        return total
+                total += rates.softening(move) @ weights
+        *begun, rise = global_sum(self._problem.comm, total)
+        return -np.array(begun) / rise if rise else orthogonal
+
+    def _moves(self, ways: Sequence[tuple[Array, float]], given: Sequence[Trial]) -> list[Trial]:
+        """Rates of the input of the return maps of every interface along displacements and load
+        factors; stacks."""
+        moves = (self._neighbours.trials_along(u, t, given) for u, t in ways)
+        return [stacked(of_interface) for of_interface in zip(*moves, strict=True)]
+
+    def _by_parameter(self, stacks: Sequence[PointValues]) -> list[list[PointValues]]:
+        """Of every parameter those of every interface, from a stack of every interface."""
+        return [[one_of(stack, k) for stack in stacks] for k in range(len(self._parameters))]
 
     def pass_jump(self) -> None:
         """Pass a step of a jump: history counts as fixed, and a broken bond as broken."""
@@ -283,13 +282,11 @@ class Derivatives:
         displacement."""
         found = []
         for i, (active, trial) in enumerate(zip(self._actives, given, strict=True)):
-            changes = [
-                Change(
-                    tuple(self._laws[one.name][h][i] for h in (CHANGE, -CHANGE)), known.trials[i]
-                )
-                for one, known in zip(self._parameters, partial, strict=True)
-            ]
-            found.append(PointRates(active, trial, changes, dt))
+            laws = tuple(
+                [self._laws[one.name][h][i] for one in self._parameters] for h in (CHANGE, -CHANGE)
+            )
+            rates = stacked([known.trials[i] for known in partial])
+            found.append(PointRates(active, trial, laws, rates, dt))
         return found
 
     def _rate(

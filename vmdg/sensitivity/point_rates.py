@@ -3,59 +3,44 @@
 Differences of return maps at p (1 + h) and p (1 - h): one general mechanism for all laws, exact to
 about 1e-9. The maps of all parameters are evaluated together, at the points where something
 changes: a return map of few points takes as long as that of thousands.
+
+Records of rates are stacks: their arrays have a first axis for the parameters (n, nq, ...).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..interface.active import ActiveInterface
-from ..interface.return_map import Trial, evaluate
+from ..interface.return_map import Trial, evaluate, in_frame
 from ..interface.values import PointValues
 from ..laws import Law, Update
 from ..laws.base import VARYING, parameter_names
-from .records import CHANGE, NEAR, combined, difference, plus, rate_of, shifted
+from .records import (
+    CHANGE,
+    NEAR,
+    aligned,
+    combined,
+    difference,
+    flat,
+    one_of,
+    plus,
+    rate_of,
+    shifted,
+    unflat,
+)
 
 Array = NDArray[np.float64]
-
-#: Both ends of a difference.
-_BOTH = (CHANGE, -CHANGE)
 
 #: Least size of T_tr for differences, relative to the largest one.
 LEAST = 1e-6
 
-
 #: Where the laws of vmdg are.
 _LAWS = Law.__module__.rpartition(".")[0]
-
-
-class Change(NamedTuple):
-    """A parameter at an interface.
-
-    Attributes:
-        laws: Laws at p (1 + h) and p (1 - h).
-        rate: Rate of the input of the return map by the logarithm of p.
-    """
-
-    laws: tuple[Law, Law]
-    rate: Trial
-
-
-class _Mapped:
-    """Stands for a law whose return map is known."""
-
-    inelastic = True
-
-    def __init__(self, update: Update):
-        self._update = update
-
-    def return_map(self, *_: object) -> Update:
-        return self._update
 
 
 class PointRates:
@@ -63,90 +48,100 @@ class PointRates:
     the displacement.
 
     Args:
+        laws: Laws at p (1 + h) and at p (1 - h), of every parameter.
+        rates: Of the input of the return map, by the logarithms of the parameters, at fixed
+            displacement; a stack.
         dt: Time step of the return map [s].
     """
 
-    def __init__(self, active: ActiveInterface, given: Trial, changes: Sequence[Change], dt: float):
+    def __init__(
+        self,
+        active: ActiveInterface,
+        given: Trial,
+        laws: tuple[Sequence[Law], Sequence[Law]],
+        rates: Trial,
+        dt: float,
+    ):
         self._law, self._values, self._given = active.law, active.values, given
-        self._turns, self._rates = active.turns, [change.rate for change in changes]
+        self._turns, self._rates, self._count = active.turns, rates, len(laws[0])
         if not self._law.inelastic:
             return
-        # Laws, loads and other input at both ends of every difference: along parameters, and along
-        # the components of T_tr.
-        laws = [law for change in changes for law in change.laws]
-        trials = [shifted(given, rate, h) for rate in self._rates for h in _BOTH]
-        loads = [_load(trial) for trial in trials]
+        # Along the parameters, and along the components of T_tr.
         load, size = _load(given), np.linalg.norm(_load(given), axis=1)
         self._size = np.maximum(size, LEAST * size.max(initial=0.0))
         self._size[self._size == 0.0] = 1.0
-        for way in np.eye(load.shape[1]):
-            for h in _BOTH:
-                laws.append(self._law)
-                trials.append(given)
-                loads.append(load + h * self._size[:, None] * way)
-        rows = _changing(active, changes)
-        here = _without_tangents(active.values.update)
-        updates = [
-            _without_tangents(one) for one in _return_maps(self._law, laws, loads, trials, rows, dt)
-        ]
-        rates = [
-            rate_of(here, a, b, (here.mode, a.mode, b.mode), CHANGE)
-            for a, b in zip(updates[::2], updates[1::2], strict=True)
-        ]
-        self._fixed = rates[: len(changes)]
+        ways = self._size[:, None] * np.eye(load.shape[1])[:, None]
+        every, known = [], []
+        for chosen, h in zip(laws, (CHANGE, -CHANGE), strict=True):
+            every += [*chosen, *[self._law] * len(ways)]
+            trial = shifted(given, rates, h)
+            straight = (np.stack([one] * len(ways)) for one in _known(given)[1:])
+            ends = zip(_known(trial), (load + h * ways, *straight), strict=True)
+            known.append([np.concatenate(parts) for parts in ends])
+        arguments = [np.concatenate(ends) for ends in zip(*known, strict=True)]
+        rows = _changing(active, rates)
+        update = _return_maps(self._law, every, arguments, given, rows, dt)
+        half, here = len(every) // 2, _without_tangents(active.values.update)
+        higher, lower = (one_of(update, part) for part in (slice(half), slice(half, None)))
+        modes = here.mode, update.mode[:half], update.mode[half:]
+        found = rate_of(here, higher, lower, modes, CHANGE)
+        self._fixed = one_of(found, slice(self._count))
         # The gap's slopes are known, and T + r zeta changes as T_tr does.
-        self._slopes, C = [], active.values.update.tangent * self._size[:, None, None]
-        for j, slope in enumerate(rates[len(changes) :]):
-            traction = -given.r[:, None] * C[..., j]
-            traction[:, j] += self._size
-            self._slopes.append(replace(slope, gap=C[..., j], traction=traction))
+        gap = np.moveaxis(active.values.update.tangent, 2, 0) * self._size[:, None]
+        traction = ways - given.r[:, None] * gap
+        slopes = one_of(found, slice(self._count, None))
+        self._slopes = replace(slopes, gap=gap, traction=traction)
 
-    def at_rest(self) -> list[PointValues]:
-        return [self._point_values(k, rate) for k, rate in enumerate(self._rates)]
+    def at_rest(self) -> PointValues:
+        """Rates at fixed displacement; a stack."""
+        return self._point_values(self._rates, self._fixed if self._law.inelastic else None)
 
-    def along(self, moves: Sequence[Trial]) -> list[PointValues]:
-        """Of every parameter, along a displacement of each.
+    def along(self, moves: Trial) -> PointValues:
+        """Of every parameter, along a displacement of each; a stack.
 
         Args:
-            moves: Rates of the input of return maps along the displacements.
+            moves: Rates of the input of return maps along the displacements; a stack.
         """
-        return [
-            self._point_values(k, plus(rate, move), move)
-            for k, (rate, move) in enumerate(zip(self._rates, moves, strict=True))
-        ]
+        update = plus(self._update(moves), self._fixed) if self._law.inelastic else None
+        return self._point_values(plus(self._rates, moves), update)
 
-    def softening(self, move: Trial, k: int | None = None) -> Array:
-        """Of Q along a displacement (nq,), by the parameter of this number at the same time."""
-        return self._update(move, k).softening
+    def softening(self, moves: Trial) -> Array:
+        """Rates of Q along displacements of every parameter, and along one by which no parameter
+        changes (n + 1, nq).
 
-    def _update(self, move: Trial, k: int | None) -> Update:
-        ways = _load_rate(self._given, move) / self._size[:, None]
+        Args:
+            moves: As of :meth:`along`, with one more.
+        """
+        found = self._update(moves).softening
+        found[:-1] += self._fixed.softening
+        return found
 
-        def sum_of(*parts: Array) -> Array:
-            slopes, rest = parts[: ways.shape[1]], parts[ways.shape[1] :]
-            along = (
-                way.reshape(-1, *[1] * (slope.ndim - 1)) * slope
-                for way, slope in zip(ways.T, slopes, strict=True)
-            )
-            return sum((*along, *rest))
+    def _update(self, moves: Trial) -> Update:
+        """Rates of the return map along displacements, for the laws as they are."""
+        ways = np.moveaxis(_load_rate(self._given, moves) / self._size[:, None], 2, 0)
 
-        return combined(sum_of, *self._slopes, *([] if k is None else [self._fixed[k]]))
+        def along(slopes: Array) -> Array:
+            return sum(aligned(way, one) * one for way, one in zip(ways, slopes, strict=True))
 
-    def _point_values(self, k: int, rate: Trial, move: Trial | None = None) -> PointValues:
-        """Of the parameter of this number, for the rate of the input, of which a part is along a
-        displacement."""
-        if not self._law.inelastic:
-            end = evaluate(self._law, shifted(self._given, rate, NEAR), 0.0)
-            return difference(end, self._values, NEAR)
-        update = self._fixed[k] if move is None else self._update(move, k)
-        if not self._turns:
+        return combined(along, self._slopes)
+
+    def _point_values(self, rates: Trial, update: Update | None) -> PointValues:
+        """For rates of the input and of the return map."""
+        if update is not None and not self._turns:
             # In a fixed frame everything but the update is linear in the input.
-            return PointValues(rate.opening, rate.jump, update.gap, update.traction, update=update)
-        mapped = _Mapped(shifted(self._values.update, update, NEAR))
-        end = evaluate(mapped, shifted(self._given, rate, NEAR), 0.0)
-        # Nothing needs second derivatives of the return map.
-        found = difference(replace(end, update=None, compliance=None), self._values, NEAR)
-        return replace(found, update=update)
+            return PointValues(
+                rates.opening, rates.jump, update.gap, update.traction, update=update
+            )
+        trial = flat(shifted(self._given, rates, NEAR))
+        if update is None:
+            end = evaluate(self._law, trial, 0.0)
+        else:
+            # Nothing needs second derivatives of the return map.
+            near = flat(shifted(_without_tangents(self._values.update), update, NEAR))
+            known = trial.opening, trial.jump, near.gap, near.traction
+            end = in_frame(trial, lambda _: PointValues(*known, update=near))
+        end = unflat(replace(end, update=None, compliance=None), self._count)
+        return replace(difference(end, self._values, NEAR), update=update)
 
 
 def _without_tangents(update: Update) -> Update:
@@ -154,55 +149,65 @@ def _without_tangents(update: Update) -> Update:
     return replace(update, tangent=None, work_gradient=None)
 
 
-def _changing(active: ActiveInterface, changes: Sequence[Change]) -> NDArray[np.intp]:
+def _changing(active: ActiveInterface, rates: Trial) -> NDArray[np.intp]:
     update, history = active.values.update, active.history
     moves = update.tangent.any(axis=(1, 2)) | update.gap.any(axis=1) | history.gap.any(axis=1)
     moves |= (update.softening > 0) | (update.mode != history.mode)
-    for change in changes:
-        moves |= change.rate.gap.any(axis=1) | (change.rate.softening != 0)
+    moves |= rates.gap.any(axis=(0, 2)) | rates.softening.any(axis=0)
     return np.flatnonzero(moves)
 
 
+def _known(trial: Trial) -> tuple[Array, Array, Array, Array]:
+    """Input of a return map without the normal."""
+    return _load(trial), trial.gap, trial.softening, trial.r
+
+
 def _load(trial: Trial) -> Array:
-    """T_tr in the frame of the law (nq, d) [MPa]."""
-    total = trial.total if trial.R is None else np.einsum("pji,pj->pi", trial.R, trial.total)
-    return total - trial.r[:, None] * trial.gap
+    """T_tr in the frame of the law (..., nq, d) [MPa]."""
+    total = trial.total if trial.R is None else _turned(trial.R, trial.total)
+    return total - trial.r[..., None] * trial.gap
 
 
-def _load_rate(trial: Trial, move: Trial) -> Array:
-    """Rate of T_tr in the frame of the law along a displacement (nq, d) [MPa]."""
+def _load_rate(trial: Trial, moves: Trial) -> Array:
+    """Rates of T_tr in the frame of the law along displacements (n, nq, d) [MPa]."""
     if trial.R is None:
-        return move.total
-    turned = np.einsum("pji,pj->pi", move.R, trial.total)
-    return turned + np.einsum("pji,pj->pi", trial.R, move.total)
+        return moves.total
+    return _turned(moves.R, trial.total) + _turned(trial.R, moves.total)
+
+
+def _turned(R: Array, total: Array) -> Array:
+    return np.einsum("...ji,...j->...i", R, total)
 
 
 def _return_maps(
     law: Law,
     laws: Sequence[Law],
-    loads: Sequence[Array],
-    trials: Sequence[Trial],
+    arguments: Sequence[Array],
+    given: Trial,
     rows: NDArray[np.intp],
     dt: float,
-) -> list[Update]:
-    """Return maps with these laws and T_tr, elastic except in some rows."""
-    updates = [
-        Update.elastic(load, trial.gap, trial.softening)
-        for load, trial in zip(loads, trials, strict=True)
-    ]
-    if not rows.size:
-        return updates
-    for group in _alike(law, laws):
-        chosen = [trials[i] for i in group]
-        arguments = [np.concatenate([loads[i][rows] for i in group])]
-        for name in ("N", "gap", "softening", "r"):
-            arguments.append(np.concatenate([getattr(trial, name)[rows] for trial in chosen]))
-        cycles = () if chosen[0].cycles is None else (np.tile(chosen[0].cycles[rows], len(group)),)
-        joined = _joined(law, [laws[i] for i in group], len(loads[0]), rows)
-        found = _mapped(joined, arguments, dt, *cycles)
-        for place, i in enumerate(group):
-            _write(updates[i], found, rows, slice(place * len(rows), (place + 1) * len(rows)))
-    return updates
+) -> Update:
+    """Return maps with these laws, elastic except in some rows; a stack.
+
+    Args:
+        arguments: T_tr, zeta_n, Q_n and r for every law (n, nq, ...).
+    """
+    load, *rest = arguments
+    update = Update.elastic(*(one.reshape(-1, *one.shape[2:]) for one in (load, *rest[:2])))
+    update = _without_tangents(update)
+    for group in _alike(law, laws) if rows.size else ():
+        known = [one[np.ix_(group, rows)].reshape(-1, *one.shape[2:]) for one in arguments]
+        known.insert(1, np.tile(given.N[rows], (len(group), 1)))
+        cycles = () if given.cycles is None else (np.tile(given.cycles[rows], len(group)),)
+        joined = _joined(law, [laws[i] for i in group], load.shape[1], rows)
+        found = _mapped(joined, known, dt, *cycles)
+        where = (np.array(group)[:, None] * load.shape[1] + rows).ravel()
+        for field in fields(Update):
+            mine, theirs = getattr(update, field.name), getattr(found, field.name)
+            if mine is not None and theirs is not None:
+                mine[where] = theirs
+    mode = update.mode.reshape(len(laws), -1)
+    return replace(unflat(update, len(laws)), mode=mode)
 
 
 @np.errstate(under="ignore")
@@ -235,10 +240,3 @@ def _joined(law: Law, laws: Sequence[Law], count: int, rows: NDArray[np.intp]) -
         if name in law.varying or any(getattr(one, name) is not getattr(law, name) for one in laws)
     }
     return laws[0].with_values({name: np.concatenate(given) for name, given in varying.items()})
-
-
-def _write(update: Update, found: Update, rows: NDArray[np.intp], part: slice) -> None:
-    for field in fields(Update):
-        mine, theirs = getattr(update, field.name), getattr(found, field.name)
-        if mine is not None and theirs is not None:
-            mine[rows] = theirs[part]

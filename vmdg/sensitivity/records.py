@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields, is_dataclass, replace
-from functools import cache
+from collections.abc import Callable, Sequence
+from dataclasses import is_dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -27,30 +26,48 @@ def combined(combine: Callable[..., Array], first: Record, *others: Record) -> R
 
     Everything else, such as modes, is that of the first; so is an array that another one lacks.
     """
-    found = {}
-    for name in _names(type(first)):
-        mine = getattr(first, name)
-        if mine is None:
+    found = {name: getattr(first, name) for name in type(first).__match_args__}
+    for name, mine in found.items():
+        array = isinstance(mine, np.ndarray)
+        if mine is None or (array and mine.dtype.kind != "f"):
             continue
         theirs = [getattr(one, name) for one in others]
         if any(other is None for other in theirs):
             continue
-        if not isinstance(mine, np.ndarray):
-            if is_dataclass(mine):
-                found[name] = combined(combine, mine, *theirs)
-        elif mine.dtype.kind == "f":
+        if array:
             found[name] = combine(mine, *theirs)
-    return replace(first, **found)
-
-
-@cache
-def _names(kind: type) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(kind))
+        elif is_dataclass(mine):
+            found[name] = combined(combine, mine, *theirs)
+    return type(first)(**found)
 
 
 def shifted(record: Record, rate: Record, h: float) -> Record:
     """A record moved by h times its rate."""
     return combined(lambda x, dx: x + h * dx, record, rate)
+
+
+def stacked(records: Sequence[Record]) -> Record:
+    """A record of stacks, arrays with a first axis for the records."""
+    return combined(lambda *rows: np.stack(rows), *records)
+
+
+def one_of(stack: Record, part: int | slice) -> Record:
+    """A record, or some, of a stack."""
+    return combined(lambda x: x[part], stack)
+
+
+def flat(stack: Record) -> Record:
+    """A stack with the points of its records one after the other."""
+    return combined(lambda x: x.reshape(-1, *x.shape[2:]), stack)
+
+
+def unflat(record: Record, count: int) -> Record:
+    return combined(lambda x: x.reshape(count, -1, *x.shape[1:]), record)
+
+
+def aligned(weights: Array, values: Array) -> Array:
+    """Weights of points (..., nq), with the axes of values there (nq, ...)."""
+    return weights[(..., *[None] * (values.ndim - 1))]
 
 
 def zeros(record: Record) -> Record:
@@ -81,14 +98,13 @@ def rate_of(
     """
     after, before = modes[1] == modes[0], modes[2] == modes[0]
     if (after & before).all():
-        return difference(higher, lower, 2 * h)
+        return combined(lambda _, a, b: (a - b) / (2 * h), here, higher, lower)
     # Both neighbours, or none of them.
     both = after == before
     forward = np.where(both, 0.5, np.where(after, 1.0, 0.0)) / h
     backward = np.where(both, 0.5, np.where(before, 1.0, 0.0)) / h
 
     def combine(x: Array, a: Array, b: Array) -> Array:
-        one, other = (w.reshape(-1, *[1] * (x.ndim - 1)) for w in (forward, backward))
-        return one * (a - x) + other * (x - b)
+        return aligned(forward, x) * (a - x) + aligned(backward, x) * (x - b)
 
     return combined(combine, here, higher, lower)
