@@ -242,19 +242,24 @@ class System:
         right = [f - self._lift(du) for f, du in zip(forces, moved, strict=True)]
         if not self.lags:
             self._prescribe()
+        right, held = np.array(right) / self._unit, np.array(moved)
+        right[:, self._prescribed] = held[:, self._prescribed]
         # The response to a load changes little from one correction to the next.
         found, last = [], [None, *self._last[1:]] + [None] * len(right)
-        for f, du, guess in zip(right, moved, last, strict=False):
-            self._b.array[:] = f / self._unit
-            self._b.array[self._prescribed] = du[self._prescribed]
+        for b, guess in zip(right, last, strict=False):
+            if self._linear.factored:
+                found += list(self._linear.solve_more(right[len(found) :]))
+                break
+            self._b.array[:] = b
             self._x.array[:] = 0.0 if guess is None else guess
             # b of a support that moves is as large as the stiffness of the body.
             share = self.multiplier * self._unit * self._b.norm() if found else 0.0
             tight = min(rtol, PRECISE)
             self._linear.solve(self._b, self._x, max(rtol / max(share, 1.0), tight))
             found.append(self._x.array.copy())
-            # A Krylov method does not keep a face exactly rigid.
-            found[-1][self._faces] = du[self._faces]
+        # A Krylov method does not keep a face exactly rigid.
+        for du, motion in zip(found, held, strict=True):
+            du[self._faces] = motion[self._faces]
         if not self.lags:
             self._last = found
         if not self._automatic:
