@@ -81,6 +81,7 @@ class Discretization:
         u: Displacement, for a periodic cell its fluctuation [mm].
         forces: Internal minus external forces of the last assembly, owned and ghost dofs [N].
         active: Interfaces with an open facet on any rank, by number.
+        stabilizers: Their tau_s and delta.
         weak_form: The bodies' terms of (27) and (85) in UFL.
     """
 
@@ -116,7 +117,7 @@ class Discretization:
         }
         self.owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
         active = list(self.active.values())
-        self._stabilizers = Stabilizers([one.stabilizer for one in active], self.u, bodies)
+        self.stabilizers = Stabilizers([one.stabilizer for one in active], self.u, bodies)
         self._point_tangents: list[
             tuple[ActiveInterface, NDArray[np.float64], FluxChange | None]
         ] = []
@@ -140,7 +141,7 @@ class Discretization:
     @property
     def constant_stabilization(self) -> bool:
         """Whether tau_s and delta are the same at every displacement."""
-        return self._stabilizers.constant
+        return self.stabilizers.constant
 
     @property
     def can_fail(self) -> bool:
@@ -253,7 +254,7 @@ class Discretization:
         return float(self.geometry.thickness) * energy
 
     def _scaled_stabilization(self) -> list[Stabilization]:
-        return self._stabilizers.for_step([active.floor for active in self.active.values()])
+        return self.stabilizers.for_step([active.floor for active in self.active.values()])
 
     def needed_penalties(self) -> list[NDArray[np.float64]]:
         """r of every interface for a step from the current displacement (nf,); collective.
@@ -272,7 +273,7 @@ class Discretization:
         """
         with timer("stabilization"):
             applied = [active.stabilization for active in self.active.values()]
-            return self._stabilizers.suffice(applied)
+            return self.stabilizers.suffice(applied)
 
     def update_means(self, pressure: bool = False) -> None:
         """Update the means in the forms: H of a periodic cell, F_33, theta of mean dilatation, and
@@ -527,19 +528,6 @@ def split(discretization: Discretization, cells: NDArray[np.bool_]) -> Split:
         for marks in (cells, ~cells)
     ]
     return Split(*residuals, discretization._bodies_tangent(cells))
-
-
-def stabilization_anew(
-    discretization: Discretization,
-    floors: Sequence[NDArray[np.float64]],
-    bodies: bool,
-    risen: Sequence[NDArray[np.bool_]],
-) -> list[Stabilization]:
-    """tau_s and delta at the current displacement for changed moduli or laws, see
-    :meth:`.Stabilizers.anew`; the forms are unchanged; collective."""
-    discretization.update_means(pressure=True)
-    with timer("stabilization"):
-        return discretization._stabilizers.anew(floors, bodies, risen)
 
 
 def interface_forces(discretization: Discretization) -> NDArray[np.float64]:

@@ -81,7 +81,8 @@ cell's energy like any other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import basix
 import numpy as np
@@ -118,7 +119,24 @@ _MOST_PRESSED = 0.75
 _BATCH = 2**22
 
 #: Rows of an array.
-_Rows = slice | NDArray[np.intp]
+_Rows = NDArray[np.intp]
+
+#: Penalties tau (nf, d, d) [MPa/mm] and flux weights delta (nf, 2, d, d) of an interface.
+Stabilized = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+class Moduli(NamedTuple):
+    """Of some cells and pairs at a displacement.
+
+    Attributes:
+        bulk: Upper triangle of A (cells, points, m).
+        traction: dP.N/dF of pairs (pairs, points, m).
+        volume: dJ/dF (cells, points, m); None without mean dilatation, and at small strain.
+    """
+
+    bulk: NDArray[np.float64]
+    traction: NDArray[np.float64]
+    volume: NDArray[np.float64] | None
 
 
 def margin(law: Law, degree: int) -> float:
@@ -218,7 +236,7 @@ class CellProblems:
         regions = np.unique(np.concatenate(mesh.comm.allgather(here)))
 
         N = ufl.FacetNormal(mesh)
-        self._moduli = cell_moduli(u, bodies, regions, shapes.bulk_points)
+        self._bulk_moduli = cell_moduli(u, bodies, regions, shapes.bulk_points)
         self._mean_dilatation = bodies.mean_dilatation
         self._volume_gradient: RegionExpressions | None = None
         # At small strain dJ/dF is the identity, which is not an expression on a mesh.
@@ -242,42 +260,80 @@ class CellProblems:
         rows = len(shapes.bulk_points) * len(entries) + shapes.nodes_of_cell * d
         self._batch = max(_BATCH // (rows * shapes.nodes_of_cell * d), 1)
 
-    def __call__(
-        self, weights: NDArray[np.float64], needed: NDArray[np.bool_] | None = None
-    ) -> NDArray[np.float64]:
-        """m lambda_f of every pair of cell and facet at the current displacement (n,).
+    def moduli(self, needed: NDArray[np.bool_] | None = None) -> Iterator[Moduli]:
+        """What (*) has of the current displacement, batch by batch.
 
         Args:
-            weights: T of every pair (n, d, d) [mm3/N].
-            needed: Pairs whose cells are solved, others have 0 (n,); None for all.
+            needed: Pairs whose cells are solved (n,); None for all.
         """
-        result = np.zeros(len(self._pairs))
+        for cells, pairs in self._batches(needed):
+            region, dJ = self._region[cells], None
+            if self._volume_gradient is not None:
+                dJ = self._volume_gradient(region, self._cells[cells])
+            H = self._traction_moduli(self._region[self._cell_of_pair[pairs]], self._pairs[pairs])
+            yield Moduli(self._bulk_moduli(region, self._cells[cells]), H, dJ)
+
+    def _batches(self, needed: NDArray[np.bool_] | None) -> Iterator[tuple[_Rows, _Rows]]:
+        """Cells that are solved, and the pairs that belong to them."""
         bounds = np.append(self._first, len(self._pairs))
         for start in range(0, len(self._cells), self._batch):
-            cells = slice(start, min(start + self._batch, len(self._cells)))
-            pairs = slice(bounds[cells.start], bounds[cells.stop])
-            if needed is None:
-                result[pairs] = self._solve(cells, pairs, weights[pairs])
-                continue
-            of_cell = self._cell_of_pair[pairs]
-            some = np.unique(of_cell[needed[pairs]])
-            theirs = pairs.start + np.flatnonzero(np.isin(of_cell, some))
-            if len(some):
-                result[theirs] = self._solve(some, theirs, weights[theirs])
+            end = min(start + self._batch, len(self._cells))
+            cells, pairs = np.arange(start, end), np.arange(bounds[start], bounds[end])
+            if needed is not None:
+                of_cell = self._cell_of_pair[pairs]
+                cells = np.unique(of_cell[needed[pairs]])
+                pairs = pairs[np.isin(of_cell, cells)]
+            if len(cells):
+                yield cells, pairs
+
+    def __call__(
+        self,
+        weights: NDArray[np.float64],
+        states: Sequence[Iterable[Moduli]],
+        needed: NDArray[np.bool_] | None = None,
+    ) -> NDArray[np.float64]:
+        """m lambda_f of every pair of cell and facet in some states (states, n).
+
+        Args:
+            weights: T of every pair (states, n, d, d) [mm3/N].
+            states: Of :meth:`moduli`.
+            needed: Pairs whose cells are solved, others have 0 (n,); None for all.
+        """
+        result, count = np.zeros(weights.shape[:2]), len(weights)
+        for (cells, pairs), *known in zip(self._batches(needed), *states, strict=True):
+            number = self._cell_of_pair[pairs]  # ascending
+            of_cell = np.cumsum(np.diff(number, prepend=number[:1]) > 0)
+            of_cell = (of_cell + len(cells) * np.arange(count)[:, None]).ravel()
+            joined = Moduli(
+                *(
+                    None if one[0] is None else np.concatenate(one)
+                    for one in zip(*known, strict=True)
+                )
+            )
+            T = weights[:, pairs].reshape(-1, *weights.shape[2:])
+            rows = np.tile(cells, count), np.tile(pairs, count), of_cell
+            result[:, pairs] = self._solve(*rows, joined, T).reshape(count, -1)
         return result
 
     def _solve(
-        self, cells: _Rows, pairs: _Rows, weights: NDArray[np.float64]
+        self,
+        cells: _Rows,
+        pairs: _Rows,
+        of_cell: _Rows,
+        known: Moduli,
+        weights: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """:meth:`__call__` for some cells and the pairs that belong to them."""
-        dilatations = self._dilatations(cells)
-        factor, energy, pressed = self._energy_factor(cells, dilatations)
-        number = self._cell_of_pair[pairs]  # ascending
-        of_cell = np.cumsum(np.diff(number, prepend=number[:1]) > 0)
+        """:meth:`__call__` for some cells and the pairs that belong to them.
+
+        Args:
+            of_cell: Place of the cell of every pair among the cells, ascending (pairs,).
+        """
+        dilatations = self._dilatations(cells, known.volume)
+        factor, energy, pressed = self._energy_factor(cells, known.bulk, dilatations)
         # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T,
         # but for the factors of both.
         Z, flux = self._flux_factor(
-            pairs, weights, None if dilatations is None else dilatations[of_cell]
+            pairs, known.traction, weights, None if dilatations is None else dilatations[of_cell]
         )
         S = np.linalg.solve(factor.transpose(0, 2, 1)[of_cell], Z.transpose(0, 2, 1))
         alone = np.linalg.eigvalsh(S.transpose(0, 2, 1) @ S)[:, -1]
@@ -294,7 +350,9 @@ class CellProblems:
         pressed[several] *= np.linalg.eigvalsh(together)[:, -1]
         return pressed[of_cell] * alone * factors
 
-    def _dilatations(self, cells: _Rows) -> NDArray[np.float64] | None:
+    def _dilatations(
+        self, cells: _Rows, dJ: NDArray[np.float64] | None
+    ) -> NDArray[np.float64] | None:
         """Change of theta with every shape function in every direction (cells, nodes, d).
 
         None if GRAD has no entry for theta.
@@ -302,9 +360,7 @@ class CellProblems:
         if not self._mean_dilatation:
             return None
         gradients, volumes = (values[cells] for values in self._bulk)
-        if self._volume_gradient is not None:
-            dJ = self._volume_gradient(self._region[cells], self._cells[cells])
-        else:
+        if dJ is None:
             identity = [float(i == j) for i, j in self._entries[:-1]]
             dJ = np.broadcast_to(identity, (*volumes.shape, len(identity)))
         shares = volumes / volumes.sum(axis=1, keepdims=True)
@@ -312,13 +368,12 @@ class CellProblems:
         return np.einsum("cq,cqai->cai", shares, changes)
 
     def _energy_factor(
-        self, cells: _Rows, dilatations: NDArray[np.float64] | None
+        self, cells: _Rows, A: NDArray[np.float64], dilatations: NDArray[np.float64] | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """R with E_K(u) = e |R.u|^2 (cells, n, n), regular, e (cells,), and the factor due to
         compression (cells,)."""
         gradients, volumes = (values[cells] for values in self._bulk)
         size = len(self._entries)
-        A = self._moduli(self._region[cells], self._cells[cells])
         first, second = self._triangle
         full = np.empty((*A.shape[:2], size, size))
         full[..., first, second] = full[..., second, first] = A
@@ -332,6 +387,7 @@ class CellProblems:
     def _flux_factor(
         self,
         pairs: _Rows,
+        H: NDArray[np.float64],
         weights: NDArray[np.float64],
         dilatations: NDArray[np.float64] | None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -339,8 +395,6 @@ class CellProblems:
         d = self._d
         gradients, areas = (values[pairs] for values in self._facets)
         cells = self._cell_of_pair[pairs]
-        region = self._region[cells]
-        H = self._traction_moduli(region, self._pairs[pairs])
         H = H.reshape(*H.shape[:2], d, H.shape[2] // d)
         # tau from an indefinite A may be indefinite: only its positive part can be matched.
         values, vectors = np.linalg.eigh(weights)
@@ -474,22 +528,40 @@ class Coercivity:
         vector = la.vector(self._cell_map, self._facets_of_cell * size)
         return vector, vector.array.reshape(-1, size)
 
+    def moduli(self, chosen: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Moduli]:
+        """What the factors have of the current displacement, see :meth:`__call__`."""
+        return self._problems.moduli(self._needed(chosen))
+
+    def _needed(self, chosen: Sequence[NDArray[np.bool_]] | None) -> NDArray[np.bool_] | None:
+        if chosen is None:
+            return None
+        marks = [np.repeat(1.0 * one, 2).reshape(-1, 2, 1) for one in chosen]
+        return self._to_owners(marks)[self._solved, 0] > 0
+
     def __call__(
         self,
-        penalties: Sequence[NDArray[np.float64]],
-        deltas: Sequence[NDArray[np.float64]],
+        every: Sequence[Sequence[Stabilized]],
+        states: Sequence[Iterable[Moduli]],
         chosen: Sequence[NDArray[np.bool_]] | None = None,
-    ) -> list[NDArray[np.float64]]:
-        """The factors on the penalties for alpha = 0, per facet of every interface.
+    ) -> list[list[NDArray[np.float64]]]:
+        """The factors on the penalties for alpha = 0, per facet of every interface, in some states.
 
         Args:
-            penalties: tau (nf, d, d) of every interface [MPa/mm].
-            deltas: Flux weights delta_1, delta_2 (nf, 2, d, d).
+            every: Stabilization of every interface in every state.
+            states: Of :meth:`moduli`.
             chosen: Facets whose factors are needed, those of others may be too small (nf,); None
                 for all.
         """
+        d = self._d
+        means = np.array([self._means(one) for one in every])
+        shape = len(every), len(self._solved), d, d
+        lambdas = self._problems(means.reshape(shape), states, self._needed(chosen))
+        return [self._factors(*one) for one in zip(every, means, lambdas, strict=True)]
+
+    def _means(self, interfaces: Sequence[Stabilized]) -> NDArray[np.float64]:
+        """T of every pair of cell and facet (n, d^2) [mm3/N]."""
         d, sums = self._d, []
-        for tau, delta, area in zip(penalties, deltas, self._areas, strict=True):
+        for (tau, delta), area in zip(interfaces, self._areas, strict=True):
             share = np.trace(delta, axis1=2, axis2=3)[..., None] / d
             # That of a side without a flux is not known, nor needed.
             weight = area[:, None, None] * (share != 0)
@@ -498,21 +570,22 @@ class Coercivity:
             sums.append(np.concatenate([weight * T, weight], axis=2))
         total = self._to_owners(sums)[self._solved]
         some = total[:, -1:] > 0
-        means = np.where(
-            some, total[:, :-1] / np.where(some, total[:, -1:], 1.0), np.eye(d).ravel()
-        )
-        needed = None
-        if chosen is not None:
-            marks = [np.repeat(1.0 * one, 2).reshape(-1, 2, 1) for one in chosen]
-            needed = self._to_owners(marks)[self._solved, 0] > 0
+        return np.where(some, total[:, :-1] / np.where(some, total[:, -1:], 1.0), np.eye(d).ravel())
+
+    def _factors(
+        self,
+        interfaces: Sequence[Stabilized],
+        means: NDArray[np.float64],
+        lambdas: NDArray[np.float64],
+    ) -> list[NDArray[np.float64]]:
+        """Of T and lambda of every pair of cell and facet, the factors of every interface (nf,)."""
+        d, results = self._d, []
         vector, by_slot = self._by_slot(d * d + 1)
         by_slot[self._solved, :-1] = means
-        by_slot[self._solved, -1] = self._free * self._problems(means.reshape(-1, d, d), needed)
+        by_slot[self._solved, -1] = self._free * lambdas
         vector.scatter_forward()
-        results = []
-        known = zip(self._slots, penalties, deltas, self._stretches, strict=True)
-        for slots, tau, delta, stretch in known:
+        for slots, one, stretch in zip(self._slots, interfaces, self._stretches, strict=True):
             T, lambdas = by_slot[slots, :-1].reshape(-1, 2, d, d), by_slot[slots, -1]
             T = np.where((lambdas == 0)[..., None, None], np.eye(d), T)
-            results.append(_of_pairs(tau, delta, T, lambdas, stretch))
+            results.append(_of_pairs(*one, T, lambdas, stretch))
         return results

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import ufl
@@ -19,7 +21,7 @@ from ..domain.materials import Bodies
 from ..forms import bubbles
 from ..points.interface import AUTO, Interface, StabilizationContext
 from ..points.points import Points
-from .coercivity import Coercivity, margin
+from .coercivity import Coercivity, Moduli, margin
 from .frame import turns
 
 #: Least r / H of "auto": a return map, dgamma = f / (r - H), magnifies its trial by at most 2.
@@ -285,8 +287,11 @@ class Stabilizer:
         raise_together(comm, message, SoftensTooFast)
 
 
-#: Results of :meth:`Stabilizers.derive` and :meth:`Stabilizers.coercivity`.
+#: Stabilization of every interface before scaling, and its factors (nf,).
 _Needed = tuple[list[Stabilization], list[NDArray[np.float64]]]
+
+#: The same, and what the factors have of the displacement, see :meth:`.Coercivity.moduli`.
+Sample = tuple[list[Stabilization], Iterable[Moduli]]
 
 
 class Stabilizers:
@@ -305,7 +310,10 @@ class Stabilizers:
         self.constant = bodies.small and self._derived
         # At the last two displacements, those of the start and the end of a step.
         self._known: list[tuple[list[NDArray[np.float64]], _Needed]] = []
-        self._coercivity: Coercivity | None = None
+        self._automatic = any(one.automatic for one in interfaces)
+        self._chosen = [
+            i for i, one in enumerate(interfaces) if one.interface.stabilization is None
+        ]
         self._constants: list[Stabilization] | None = None
 
     def for_step(self, floors: Sequence[NDArray[np.float64]]) -> list[Stabilization]:
@@ -316,29 +324,18 @@ class Stabilizers:
         """
         if self._constants is not None:
             return self._constants
-        arguments = zip(self._interfaces, *self._needed(), floors, strict=True)
-        scaled = [one.scaled(*values) for one, *values in arguments]
+        scaled = self.scaled(*self.needed(), floors)
         if self.constant:
             self._constants = scaled
         return scaled
 
-    def anew(
+    def scaled(
         self,
+        derived: Sequence[Stabilization],
+        factors: Sequence[NDArray[np.float64]],
         floors: Sequence[NDArray[np.float64]],
-        bodies: bool,
-        risen: Sequence[NDArray[np.bool_]],
     ) -> list[Stabilization]:
-        """:meth:`for_step` for changed laws or bodies; collective.
-
-        Args:
-            bodies: Whether moduli of bodies or the displacement have changed.
-            risen: Facets whose r may be above its lower bound (nf,).
-        """
-        if not bodies:
-            derived, factors = self._needed()
-        else:
-            derived = self.derive()
-            factors = self.coercivity(derived, risen)
+        """Of every interface, see :meth:`.Stabilizer.scaled`."""
         arguments = zip(self._interfaces, derived, factors, floors, strict=True)
         return [one.scaled(*values) for one, *values in arguments]
 
@@ -350,11 +347,11 @@ class Stabilizers:
         """
         if self._bodies.small:
             return True
-        checks = zip(self._interfaces, applied, *self._needed(), strict=True)
+        checks = zip(self._interfaces, applied, *self.needed(), strict=True)
         return all([one.suffices(*values) for one, *values in checks])
 
-    def _needed(self) -> _Needed:
-        """:meth:`derive` and :meth:`coercivity` at the current displacement; collective.
+    def needed(self) -> _Needed:
+        """:meth:`sample` and :meth:`factors` at the current displacement; collective.
 
         A step starts where the last one was checked at its end, so they are computed once for both.
         A user's function may depend on more and is always called.
@@ -364,46 +361,55 @@ class Stabilizers:
         for known, needed in self._known if self._derived else ():
             if not global_any(comm, not all(map(np.array_equal, state, known))):
                 return needed
-        derived = self.derive()
-        needed = derived, self.coercivity(derived)
+        sample = self.sample()
+        needed = sample[0], self.factors([sample])[0]
         self._known = [(state, needed), *self._known[:1]]
         return needed
 
-    def derive(self) -> list[Stabilization]:
-        """Stabilization of every interface at the current displacement, before scaling;
-        collective."""
-        return [one.derive() for one in self._interfaces]
+    def sample(self, chosen: Sequence[NDArray[np.bool_]] | None = None) -> Sample:
+        """Of the current displacement, laws and bodies; collective.
 
-    def coercivity(
-        self,
-        derived: Sequence[Stabilization],
-        needed: Sequence[NDArray[np.bool_]] | None = None,
-    ) -> list[NDArray[np.float64]]:
-        """Factor on tau_s required by coercivity on every facet (nf,); collective.
+        Args:
+            chosen: Facets whose factors are needed, those of others may be too small (nf,); None
+                for all.
+        """
+        derived = [one.derive() for one in self._interfaces]
+        moduli = self._coercivity.moduli(self._of_derived(chosen)) if self._automatic else ()
+        return derived, moduli
+
+    def factors(
+        self, samples: Sequence[Sample], chosen: Sequence[NDArray[np.bool_]] | None = None
+    ) -> list[list[NDArray[np.float64]]]:
+        """Factors on tau_s required by coercivity on every facet (nf,) in some states, together;
+        collective.
 
         Interfaces with a user-defined stabilization are left out.
 
         Args:
-            needed: Facets whose factors are needed, those of others may be too small (nf,); None
-                for all.
+            chosen: Those of :meth:`sample`.
         """
-        factors = [np.ones(len(stabilization.norm)) for stabilization in derived]
-        if not any(one.automatic for one in self._interfaces):
+        factors = [[np.ones(len(one.norm)) for one in derived] for derived, _ in samples]
+        if not (samples and self._automatic):
             return factors
-        chosen = [
-            i for i, one in enumerate(self._interfaces) if one.interface.stabilization is None
+        every = [
+            [(one.penalty, one.weights) for one in self._of_derived(derived)]
+            for derived, _ in samples
         ]
-        if self._coercivity is None:
-            facets = [self._interfaces[i].facets for i in chosen]
-            stretches = [self._interfaces[i].stretch for i in chosen]
-            areas = [self._interfaces[i].area for i in chosen]
-            self._coercivity = Coercivity(self._u, self._bodies, facets, stretches, areas)
+        states = [moduli for _, moduli in samples]
         with timer("coercivity"):
-            found = self._coercivity(
-                [derived[i].penalty for i in chosen],
-                [derived[i].weights for i in chosen],
-                None if needed is None else [needed[i] for i in chosen],
-            )
-        for i, factor in zip(chosen, found, strict=True):
-            factors[i] = factor / (1 - self._interfaces[i].margin)
+            found = self._coercivity(every, states, self._of_derived(chosen))
+        for mine, theirs in zip(factors, found, strict=True):
+            for i, factor in zip(self._chosen, theirs, strict=True):
+                mine[i] = factor / (1 - self._interfaces[i].margin)
         return factors
+
+    def _of_derived(self, values: Sequence[Any] | None) -> list[Any] | None:
+        """Those of values of every interface whose tau_s is derived."""
+        return None if values is None else [values[i] for i in self._chosen]
+
+    @cached_property
+    def _coercivity(self) -> Coercivity:
+        interfaces = self._of_derived(self._interfaces)
+        given = ([one.facets for one in interfaces], [one.stretch for one in interfaces])
+        areas = [one.area for one in interfaces]
+        return Coercivity(self._u, self._bodies, *given, areas)

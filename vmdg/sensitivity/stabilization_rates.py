@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..assembly.discretization import stabilization_anew
 from ..base.parallel import global_any
 from ..interface.active import ActiveInterface, lets_go
 from ..interface.stabilization import Stabilization
 from ..problem.problem import Problem
 from ..problem.states import Rate
 from .parameters import Parameter
-from .records import difference, shifted, zeros
+from .records import difference, shifted
 
 Array = NDArray[np.float64]
 
@@ -27,6 +26,9 @@ LATER = 1e-6
 
 #: Difference of r, relative, above which a step was repeated with a larger one.
 RAISED = 1e-2
+
+#: A parameter, its change h, the rate of the displacement, and lower bounds of r (nf,).
+_Near = tuple[Parameter, float, Array, Sequence[Array]]
 
 
 class StabilizationRates:
@@ -40,9 +42,9 @@ class StabilizationRates:
         """Rates of tau_s and delta in the initial state."""
         zero = np.zeros_like(self._problem.u.x.array)
         floors = [np.zeros_like(active.floor) for active in self._actives]
-        rates = [zeros(active.stabilization) for active in self._actives]
         everywhere = [np.ones(len(low), dtype=bool) for low in floors]
-        ends = (self._at(parameter, h, zero, floors, rates, everywhere) for h in (FIRST, -FIRST))
+        moved = [(parameter, h, zero, floors) for h in (FIRST, -FIRST)]
+        ends = self._near(moved, everywhere)
         return [difference(a, b, 2 * FIRST) for a, b in zip(*ends, strict=True)]
 
     def of_step(
@@ -60,14 +62,18 @@ class StabilizationRates:
         u, values = self._problem.u.x.array.copy(), [active.values for active in self._actives]
         self._problem.u.x.array[:] = start.u
         loading.move(start.t)
-        ends = []
-        for parameter, rate, last in zip(parameters, rates, before, strict=True):
-            # The pressure of a mean dilatation is that of the tractions there.
-            for active, one, moved in zip(
-                self._actives, start.interfaces, rate.interfaces, strict=True
-            ):
-                active.values = shifted(one.values, moved.values, LATER)
-            ends.append(self._at(parameter, LATER, rate.u, floors, last, risen))
+
+        def moved() -> Iterator[_Near]:
+            for parameter, rate, last in zip(parameters, rates, before, strict=True):
+                # The pressure of a mean dilatation is that of the tractions there.
+                for active, one, known in zip(
+                    self._actives, start.interfaces, rate.interfaces, strict=True
+                ):
+                    active.values = shifted(one.values, known.values, LATER)
+                bounds = [low + LATER * one.norm for low, one in zip(floors, last, strict=True)]
+                yield parameter, LATER, rate.u, bounds
+
+        ends = self._near(moved(), risen)
         for active, one in zip(self._actives, values, strict=True):
             active.values = one
         self._problem.u.x.array[:] = u
@@ -78,25 +84,35 @@ class StabilizationRates:
             for end, last in zip(ends, before, strict=True)
         ]
 
-    def _at(
-        self,
-        parameter: Parameter,
-        h: float,
-        u: Array,
-        floors: Sequence[Array],
-        rates: Sequence[Stabilization],
-        risen: Sequence[NDArray[np.bool_]],
-    ) -> list[Stabilization]:
-        """tau_s and delta at p (1 + h) next to the current displacement, for rates of the
-        displacement and of the lower bounds of r."""
-        here = self._problem.u.x
-        before = here.array.copy()
-        bodies = global_any(self._problem.comm, parameter.of_body or bool(u.any()))
-        here.array[:] = before + h * u
-        bounds = [low + h * rate.norm for low, rate in zip(floors, rates, strict=True)]
-        with parameter.changed(h):
-            found = stabilization_anew(self._discretization, bounds, bodies, risen)
+    def _near(
+        self, moved: Iterable[_Near], risen: Sequence[NDArray[np.bool_]]
+    ) -> list[list[Stabilization]]:
+        """tau_s and delta next to the current displacement.
+
+        Args:
+            risen: Facets whose r may be above its lower bound (nf,).
+        """
+        stabilizers, here, known = self._discretization.stabilizers, self._problem.u.x, []
+        before, samples = here.array.copy(), []
+        for one in moved:
+            parameter, h, rate, _ = one
+            here.array[:] = before + h * rate
+            with parameter.changed(h):
+                self._discretization.update_means(pressure=True)
+                moves = global_any(self._problem.comm, parameter.of_body or bool(rate.any()))
+                if moves:
+                    derived, moduli = stabilizers.sample(risen)
+                    samples.append((derived, list(moduli)))
+                known.append((one, None if moves else stabilizers.needed()))
         here.array[:] = before
+        factors = zip(samples, stabilizers.factors(samples, risen), strict=True)
+        found = []
+        for (parameter, h, _, floors), needed in known:
+            if needed is None:
+                (derived, _), own = next(factors)
+                needed = derived, own
+            with parameter.changed(h):
+                found.append(stabilizers.scaled(*needed, floors))
         return found
 
 
