@@ -442,6 +442,12 @@ def total_in_frame(active: ActiveInterface) -> NDArray[np.float64]:
     return trial.total if trial.R is None else np.einsum("pji,pj->pi", trial.R, trial.total)
 
 
+def trial_of(active: ActiveInterface, stabilization: Stabilization, history: PointHistory) -> Trial:
+    """Input of the return map at the current displacement for another tau_s and history, in both of
+    which it is linear."""
+    return active._return_map.trial(stabilization, history, None, None)
+
+
 def traction_in_frame(values: PointValues) -> NDArray[np.float64]:
     """T in the frame of the law (nq, d) [MPa]."""
     T, R = values.traction, values.rotation

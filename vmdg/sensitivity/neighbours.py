@@ -18,7 +18,8 @@ from ..assembly.space import at_owners
 from ..base.arrays import power_of_two
 from ..base.parallel import global_max
 from ..domain.topology import box_sides
-from ..interface.history import PointHistory
+from ..interface.active import trial_of
+from ..interface.history import InterfaceSnapshot, PointHistory
 from ..interface.return_map import Trial
 from ..interface.stabilization import Stabilization
 from ..interface.values import PointValues
@@ -52,7 +53,10 @@ class Neighbours:
         stabilizations: Sequence[Stabilization],
     ) -> Iterator[None]:
         """All interfaces moved by h times these rates; None for no change."""
-        before = [active.snapshot() for active in self.actives]
+        before = [
+            InterfaceSnapshot(active.history, active.values, active.stabilization)
+            for active in self.actives
+        ]
         for i, (active, state) in enumerate(zip(self.actives, before, strict=True)):
             state = replace(state, stabilization=shifted(state.stabilization, stabilizations[i], h))
             if histories is not None:
@@ -123,12 +127,14 @@ class Neighbours:
                 with self.interfaces(h, histories, None, stabilizations), parameter.changed(h):
                     ends.append([active.trial() for active in self.actives])
             return [difference(a, b, 2 * CHANGE) for a, b in zip(*ends, strict=True)]
-        # At fixed fluxes it is linear in history and tau_s.
-        with self.interfaces(1.0, histories, None, stabilizations):
-            return [
-                difference(active.trial(), one, 1.0)
-                for active, one in zip(self.actives, given, strict=True)
-            ]
+        rates = []
+        for active, trial, *known in zip(
+            self.actives, given, stabilizations, histories, strict=True
+        ):
+            rate = trial_of(active, *known)
+            changes = {name: getattr(rate, name) for name in ("total", "r", "gap", "softening")}
+            rates.append(replace(zeros(trial), **changes))
+        return rates
 
     def trials_along(self, u: Array, t: float, given: Sequence[Trial]) -> list[Trial]:
         """Rates of the input of return maps along a displacement, and a load factor."""
