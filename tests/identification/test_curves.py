@@ -56,6 +56,19 @@ def test_derivatives():
     assert rates[:, 0] == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=1e-6)
 
 
+def test_units():
+    """Columns with their units, which pictures then show, are the same columns."""
+    found = []
+    for names in ({"along": "load"}, {"along": "load [mm]", "column": "force [N]"}):
+        run = vmdg.History()
+        run.append(
+            {"load": 1.0, "force [N]": 10.0, f"d load/d {NAME}": 0.5, f"d force/d {NAME}": 2}
+        )
+        found.append(vmdg.Curve([0.5, 1.0], [5.0, 9.0], **names).of_run(run, [NAME]))
+    for one, other in zip(*found, strict=True):
+        assert np.array_equal(one, other)
+
+
 def test_jump():
     """The row of a jump has the derivative of the next one."""
     run = history([1.0, 1.0, 2.0], [10.0, 4.0, 8.0], [0.0, np.nan, 0.0], [1.0, np.nan, 3.0])

@@ -60,6 +60,29 @@ def test_last_tangent_again(comm):
     system.free()
 
 
+def test_many_right_hand_sides(comm):
+    """Responses that are found together are those found one by one, whether supports move or not,
+    with a rigid face, by fresh factors and by those of another state."""
+    scene = two_blocks(comm, "quadrilateral", 3)
+    problem = couple(scene, LAW, MATERIALS)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.rigid_face(scene.facet_tags.find(2), "y", force=lambda t: 5.0 * t)
+    forces = 1.0 + problem.step.assemble_residual()
+    wave, nothing = np.sin(np.arange(len(forces))), np.zeros_like(forces)
+    right, moved = [forces, wave, nothing], [nothing, nothing, wave]
+    together, alone = System(problem, None), System(problem, None)
+    for stretch in (0.0, 1e-3):
+        problem.u.x.array[:] = stretch * np.sin(np.arange(len(problem.u.x.array)))
+        problem.step.assemble_residual()
+        found = together.respond(right, moved)
+        for (du, work), *one in zip(found, right, moved, strict=True):
+            ((expected, known),) = alone.respond(*([array] for array in one))
+            assert_same(comm, [expected], [du], rel=1e-8)
+            assert_same(comm, [known], [work], rel=1e-8)
+    for system in (together, alone):
+        system.free()
+
+
 def test_steps_end_with_the_last_tangent(comm):
     """Where one more correction with the last tangent ends a step, it has none of its own."""
     ends, spared = [], []

@@ -385,6 +385,20 @@ def test_runs_without_are_the_same(comm):
         assert np.array_equal(plain[column], carried[column])
 
 
+@pytest.mark.parametrize("kinematics", ["finite", pytest.param("small", marks=pytest.mark.long)])
+def test_parameters_together(comm, kinematics):
+    """Derivatives by several parameters are those by each alone."""
+    build = partial(blocks_of, comm, move="both", kinematics=kinematics)
+    whole = solved(build, BASE, BASE)
+    for name in BASE:
+        alone = solved(build, BASE, [name])
+        columns = [column for column in alone if column.endswith(f"/d {name}")]
+        assert columns
+        for column in columns:
+            size = np.abs(whole[column]).max()
+            assert whole[column] == pytest.approx(alone[column], rel=0, abs=1e-7 * size)
+
+
 def test_a_second_run_continues(comm):
     """Derivatives of a run in two parts are those of one run."""
     names, whole = ["bond.strength"], solved(partial(blocks_of, comm), BASE, ["bond.strength"])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..output.history import History
+from ..output.history import History, split_unit
 
 Array = NDArray[np.float64]
 
@@ -39,8 +39,8 @@ class Curve:
     Args:
         x: Abscissae in the order of the measurement (n,); ``np.inf`` for the largest value of all.
         y: Measured values (n,).
-        column: Column of the values, without its unit.
-        along: Column of the abscissae.
+        column: Column of the values, with its unit where pictures are to have it.
+        along: Column of the abscissae, likewise.
         sigma: Standard deviation of the noise of the values, one number or (n,); None for that of
             :func:`vmdg.identify`.
 
@@ -181,9 +181,9 @@ def _with_origin(rows: Array) -> Array:
 def known_rates(history: History, column: str, names: Sequence[str]) -> Array:
     """Derivatives of a column (rows, N, k); those of a jump are that of the next row."""
     shape = (*_rows_of(history, column).shape, len(names))
-    found = np.empty(shape)
+    found, plain = np.empty(shape), split_unit(column)[0]
     for k, name in enumerate(names):
-        found[..., k] = _rows_of(history, f"d {column}/d {name}")
+        found[..., k] = _rows_of(history, f"d {plain}/d {name}")
     for i in range(len(found) - 2, -1, -1):
         found[i] = np.where(np.isnan(found[i]), found[i + 1], found[i])
     return np.nan_to_num(found)

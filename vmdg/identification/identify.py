@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.agreement import same_arguments
 from ..base.parallel import warn_together
 from ..base.texts import in_full
+from ..output.history import split_unit
 from ..solver.options import SolveOptions, silent
 from .doubts import doubts
 from .fields import Field
@@ -261,7 +262,9 @@ def _loads_of(
     found = {}
     for name, group in curves.items():
         along = [
-            one.loads if isinstance(one, Field) else one.x for one in group if one.along == "load"
+            one.loads if isinstance(one, Field) else one.x
+            for one in group
+            if split_unit(one.along)[0] == "load"
         ]
         if not along or any((np.diff(x) <= 0).any() or x[0] <= 0 for x in along):
             raise ValueError(
