@@ -115,10 +115,11 @@ def _shape(found: Identified, model: Model) -> list[str]:
                 "or supports of the model are not those of the test, or a better minimum lies "
                 "elsewhere (begin at another start). The errors are not valid; look at found.plot()"
             )
-        worst = int(np.abs(away).argmax())
-        if found.freedom > FEW and abs(away[worst]) > t.ppf(
-            1 - (1 - LEVEL_OF_SHAPE) / (2 * found.jacobian.shape[0]), found.freedom - 1
-        ):
+        worst, tail = int(np.abs(away).argmax()), (1 - LEVEL_OF_SHAPE) / (2 * len(found.jacobian))
+        outside = abs(away[worst]) > t.ppf(1 - tail, max(found.freedom - 1, 1))
+        # A known sigma allows for what is small next to it.
+        beyond = not found.sigma_known or abs(r[worst]) > norm.ppf(1 - tail)
+        if found.freedom > FEW and outside and beyond:
             said.append(
                 f"{one.at(worst)}{name} is an outlier, {abs(away[worst]):.2g} times the scatter of "
                 "the others from the model: leave it out, give it a larger sigma, or, if more "
