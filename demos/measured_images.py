@@ -82,9 +82,9 @@ def measured(
     moved = 5e-3 * random.standard_normal((len(u), 1, 2))
     turn = 1e-3 * random.standard_normal((len(u), 1, 1))
     u += moved + turn * (POINTS[:, ::-1] * [-1, 1])
-    names = {"column": "force [N]", "along": "load [mm]"}
-    curve = vmdg.Curve(openings, force, sigma=sigma, **names)
-    return curve, vmdg.Field(POINTS, openings, u, sigma=noise, along="load [mm]")
+    along = "load [mm]"
+    curve = vmdg.Curve(openings, force, "force [N]", along, sigma=sigma)
+    return curve, vmdg.Field(POINTS, openings, u, sigma=noise, along=along, column="field [mm]")
 
 
 def main(

@@ -139,11 +139,6 @@ class Discretization:
         return active
 
     @property
-    def constant_stabilization(self) -> bool:
-        """Whether tau_s and delta are the same at every displacement."""
-        return self.stabilizers.constant
-
-    @property
     def can_fail(self) -> bool:
         return any(active.law.inelastic for active in self.active.values())
 

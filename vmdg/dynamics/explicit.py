@@ -99,7 +99,7 @@ class ExplicitSteps:
         self._accelerations = 0.0
         parts = problem.discretization
         # The tangent of bonded interfaces at small strain.
-        self._constant = parts.bodies.small and parts.constant_stabilization
+        self._constant = parts.bodies.small and parts.stabilizers.constant
 
     def accelerate(self) -> None:
         """Acceleration of a body that is let go in its current state: M.a = -R; collective."""

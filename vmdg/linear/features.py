@@ -33,7 +33,7 @@ def switchboard(problem: Problem, options: Choice | None = None) -> list[Switch]
     )
     rubbing = any(not is_number(active.law.friction, 0.0) for active in interfaces)
     turning = any(active.turns for active in interfaces)
-    small, constant = problem.discretization.bodies.small, discretization.constant_stabilization
+    small, constant = problem.discretization.bodies.small, discretization.stabilizers.constant
     petsc = options.petsc if options else None
     linear = linear_options(problem, petsc)
     solver = _name(linear.solver) if linear.automatic else "options.petsc"

@@ -52,7 +52,7 @@ class StabilizationRates:
     ) -> list[list[Stabilization]]:
         """Rates of tau_s and delta of the step by every parameter, which are those of its start."""
         before = [[one.stabilization for one in rate.interfaces] for rate in rates]
-        if self._discretization.constant_stabilization:
+        if self._discretization.stabilizers.constant:
             return [list(map(_in_forms, self._actives, one)) for one in before]
         start, applied = self._problem.step.start, [one.stabilization for one in self._actives]
         floors = [one.stabilization.norm for one in start.interfaces]
