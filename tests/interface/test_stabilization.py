@@ -6,24 +6,17 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx.mesh import entities_to_geometry
 from support.checks import gather
 from support.problems import MATERIALS, joined
 from support.scenes import (
     DIMENSION,
     EVERY_CELL,
     deform,
-    distort,
-    everywhere,
-    interior_facets,
-    tag_cells,
     two_blocks,
-    unit_box,
 )
 
 import vmdg
 from vmdg import compat
-from vmdg.meshes import blocks
 
 SHEAR = np.array([[1.2, 0.3, 0.1], [-0.2, 0.9, 0.25], [0.15, -0.1, 1.1]])
 HOMOGENEOUS = np.array([[1.15, 0.2, -0.1], [0.05, 0.9, 0.15], [0.1, -0.05, 1.1]])
@@ -235,22 +228,6 @@ def test_user_stabilization_is_used_as_is(comm):
     assert (N[:, 0] > 0.9).all()  # from block 1 to block 2
 
 
-def test_mean_normal_of_curved_facets():
-    """int N dA of a facet is its chord, turned by a right angle, whatever the curve between."""
-    scene, given = blocks(MPI.COMM_SELF, "triangle", (2, 2, 2), order=2), []
-    distort(scene.mesh, 0.03)
-
-    def stabilization(tau1, tau2, context):
-        given.append(context)
-        return 1e4 * np.eye(2) + 0 * tau1, 0.5 * np.eye(2) + 0 * tau1
-
-    joined(scene, vmdg.Bonded(), interface={"stabilization": stabilization}, degree=2)
-    x = scene.mesh.geometry.x[entities_to_geometry(scene.mesh, 1, given[0].facets), :2]
-    chord = x[:, 1] - x[:, 0]
-    assert np.abs(np.linalg.det(np.stack([chord, x[:, 2] - x[:, 0]], axis=1))).min() > 1e-3
-    assert np.abs(np.einsum("fi,fi->f", given[0].N, chord)).max() < 1e-12
-
-
 WRONG_SHAPES = {
     "tau_s": (lambda tau: (tau[:, 0], tau), r"returned tau_s of shape \(\d+, 2\), expected"),
     "delta1": (lambda tau: (tau, tau[:, :1]), r"returned delta1 of shape \(\d+, 1, 2\), expected"),
@@ -264,36 +241,6 @@ def test_user_stabilization_of_wrong_shape(name):
     scene = two_blocks(MPI.COMM_SELF, "triangle", n=2)
     with pytest.raises(ValueError, match=message):
         joined(scene, vmdg.Bonded(), interface={"stabilization": lambda tau1, tau2, _: build(tau1)})
-
-
-@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
-def test_many_interface_facets_of_one_cell(comm, cell):
-    """A facet has the same derived tau_s whether or not its cells have other interface facets."""
-
-    def build(mesh, **where):
-        tags = tag_cells(mesh, {1: everywhere})
-        interface = vmdg.Interface(**where, law=vmdg.Bonded(), safety=1.0)
-        return vmdg.Problem(mesh, tags, {1: MATERIALS[0]}, [interface])
-
-    def make_mesh(where):
-        mesh = unit_box(where, cell, 2)
-        distort(mesh, 0.05)
-        return mesh
-
-    build(make_mesh(comm), within=1)  # compiles on one rank before every rank works alone
-    mesh = make_mesh(MPI.COMM_SELF)
-    together = build(mesh, within=1)
-    facets = together.discretization.active[0].facets.facets
-    assert np.array_equal(facets, interior_facets(mesh))
-    counts = np.unique(together.discretization.active[0].facets.cells, return_counts=True)[1]
-    assert counts.max() == DIMENSION[cell] + (cell in ("triangle", "tetrahedron"))
-    every = slice(None) if len(facets) < 20 else slice(None, None, 7)
-    for number in np.arange(len(facets))[every]:
-        alone = build(mesh, facets=facets[[number]]).stabilization[0]
-        expected = together.stabilization[0]
-        scale = expected.norm[number]
-        assert np.abs(alone.tau[0] - expected.tau[number]).max() < ROUNDING * scale
-        assert np.abs(alone.delta[0] - expected.delta[number]).max() < ROUNDING
 
 
 def test_compliance_follows_the_penalty(comm):
