@@ -72,6 +72,34 @@ def test_homogeneous_strain(comm, cell, angle, kinematics):
     assert np.abs(stress - expected).max(initial=0) < 1e-9 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_cubic_crystal(comm, cell):
+    """Stress under homogeneous strain, in 2D that in the plane: that of the turned tensor."""
+    C = np.zeros((3, 3, 3, 3))
+    for i in range(3):
+        C[i, i, i, i] = COPPER["C11"]
+        for j in {0, 1, 2} - {i}:
+            C[i, i, j, j] = COPPER["C12"]
+            C[i, j, i, j] = C[i, j, j, i] = COPPER["C44"]
+    mesh = unit_box(comm, cell, 1)
+    d = mesh.geometry.dim
+    strain = STRAIN * (np.outer([1, 1, d == 3], [1, 1, d == 3]))
+    tags = vmdg.split_cells(mesh, lambda x: x[0] - 2, "all")
+    c, s = math.cos(math.radians(20)), math.sin(math.radians(20))
+    about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    for axes, given in ((TURN, {"rotation": TURN}), (about_z, {"angle": 20.0})):
+        crystal = vmdg.Cubic(**COPPER, **given)
+        problem = vmdg.Problem(mesh, tags, {"all": crystal}, [], kinematics="small")
+        problem.dirichlet(everywhere, lambda x, t: strain[:d, :d] @ x[:d])
+        vmdg.solve(problem, [1.0])
+        turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", axes, axes, axes, axes, C)
+        expected = np.einsum("ijkl,kl->ij", turned, strain)
+        if d == 2:
+            expected[2, :2] = expected[:2, 2] = 0
+        stress = problem.stress().x.array.reshape(-1, 3, 3)
+        assert np.abs(stress - expected).max(initial=0) < 1e-9 * np.abs(expected).max()
+
+
 #: Columns 1, 2, 3 of the crystal: turned about x by 30, then about z by 50 degrees.
 TURN = np.array(
     [

@@ -6,17 +6,20 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx.mesh import entities_to_geometry
 from support.checks import gather
 from support.problems import MATERIALS, joined
 from support.scenes import (
     DIMENSION,
     EVERY_CELL,
     deform,
+    distort,
     two_blocks,
 )
 
 import vmdg
 from vmdg import compat
+from vmdg.meshes import blocks
 
 SHEAR = np.array([[1.2, 0.3, 0.1], [-0.2, 0.9, 0.25], [0.15, -0.1, 1.1]])
 HOMOGENEOUS = np.array([[1.15, 0.2, -0.1], [0.05, 0.9, 0.15], [0.1, -0.05, 1.1]])
@@ -226,6 +229,22 @@ def test_user_stabilization_is_used_as_is(comm):
     assert len(length) == 2
     assert np.linalg.norm(N, axis=1) == pytest.approx(np.ones(2), rel=1e-14)
     assert (N[:, 0] > 0.9).all()  # from block 1 to block 2
+
+
+def test_mean_normal_of_curved_facets():
+    """int N dA of a facet is its chord, turned by a right angle, whatever the curve between."""
+    scene, given = blocks(MPI.COMM_SELF, "triangle", (2, 2, 2), order=2), []
+    distort(scene.mesh, 0.03)
+
+    def stabilization(tau1, tau2, context):
+        given.append(context)
+        return 1e4 * np.eye(2) + 0 * tau1, 0.5 * np.eye(2) + 0 * tau1
+
+    joined(scene, vmdg.Bonded(), interface={"stabilization": stabilization}, degree=2)
+    x = scene.mesh.geometry.x[entities_to_geometry(scene.mesh, 1, given[0].facets), :2]
+    chord = x[:, 1] - x[:, 0]
+    assert np.abs(np.linalg.det(np.stack([chord, x[:, 2] - x[:, 0]], axis=1))).min() > 1e-3
+    assert np.abs(np.einsum("fi,fi->f", given[0].N, chord)).max() < 1e-12
 
 
 WRONG_SHAPES = {

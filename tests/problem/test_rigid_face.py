@@ -202,6 +202,16 @@ def test_plate_holds_what_it_joins(comm):
         vmdg.solve(problem, [1.0])
 
 
+def test_plate_holds_nothing_by_itself(comm):
+    """A body that only a plate touches is loose."""
+    scene = two_blocks(comm, "quadrilateral", 2)
+    problem = joined(scene, vmdg.Bonded(), ONE)
+    hold(problem, scene, LEFT, component="x")
+    problem.rigid_face(scene.facet_tags.find(TOP), "y", force=-1.0)
+    with pytest.raises(ValueError, match=r"no constraint on .* against translation along y"):
+        vmdg.solve(problem, [1.0])
+
+
 # Mistakes
 
 MISTAKES = {
