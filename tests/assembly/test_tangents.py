@@ -60,11 +60,16 @@ EXCLUDE = [
     *({"both forms", at_points} for at_points in ("metals", "a metal", "soil")),
 ]
 #: What has been wrong, or is a form of its own.
-MORE = [("metals", "pressures"), ("a metal", "mean dilatation")]
+MORE = [
+    ("metals", "pressures"),
+    ("a metal", "mean dilatation"),
+    ("metals", "pressures", "mean dilatation"),
+    ("a metal", "pressures", "of revolution"),
+]
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
-def cells_of(pair: tuple[str, str]) -> list[str]:
+def cells_of(pair: tuple[str, ...]) -> list[str]:
     """Cells that can have the features."""
     cells = list(CELLS)
     if {"of revolution", "plane stress"} & {*pair}:

@@ -102,6 +102,14 @@ def test_corner_that_slides_past_nodes_is_told(comm):
 
 
 @LONG_STEPS
+@pytest.mark.long
+@pytest.mark.parametrize("steps", range(1, 51))
+def test_restitution(comm, steps):
+    """A flat block leaves, more slowly than it came, whatever the number of steps."""
+    assert 0 < thrown(comm, steps)[1][-1] < 1
+
+
+@LONG_STEPS
 def test_stiff_wave(comm):
     """The fastest mode of a bar, 25 times as fast as the step resolves, gains nothing."""
     scene = blocks(comm, "quadrilateral", divisions=(20, 1), length=2.0, height=0.1)

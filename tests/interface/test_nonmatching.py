@@ -29,6 +29,7 @@ import vmdg
 from vmdg import Mode, NamedTags, compat
 from vmdg.base.parallel import global_sum
 from vmdg.domain.topology import facet_cells, tags_of_cells
+from vmdg.interface.active import interface_flux
 from vmdg.interface.coercivity import margin
 from vmdg.meshes import apart, blocks
 from vmdg.output.values import facet_scalar, scalar
@@ -97,6 +98,28 @@ def test_tangent(cell, degree, frame, law):
     modes = set(problem.discretization.active[0].values.update.mode.tolist())
     assert len(modes) > 1
     assert modes != {Mode.ELASTIC}
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("law", [vmdg.Bonded(), FRICTION], ids=["tie", "bond"])
+def test_balance(cell, law):
+    """Forces and moments of the interface balance, about any point of the deformed bodies."""
+    scene = stack(cell, 2, 3, (1, 1), move=wavy)
+    problem = joined(scene, law, interface={"frame": "corotating"}, degree=2)
+    through(problem, *(lambda s=s: bent(problem, scene, s, 0.4) for s in (0.002, 0.004)))
+    active = problem.discretization.active[0]
+    problem.step.assemble_residual()
+    d = scene.mesh.geometry.dim
+    forces = np.zeros_like(problem.u.x.array)
+    nodes = problem.space.dofmap.list
+    active.point_tangent.add_forces(interface_flux(active), nodes, forces)
+    forces = forces.reshape(-1, d)
+    x = problem.space.tabulate_dof_coordinates()[:, :d] + problem.u.x.array.reshape(-1, d)
+    scale = np.abs(forces).sum()
+    assert scale > 1.0
+    assert np.abs(forces.sum(axis=0)).max() < 1e-14 * scale
+    moments = np.einsum("ni,nj->ij", x, forces)
+    assert np.abs(moments - moments.T).max() < 1e-13 * scale
 
 
 # Patch tests

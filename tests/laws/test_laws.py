@@ -13,6 +13,7 @@ from support.points import follow, total
 import vmdg.laws
 from vmdg.laws import (
     Bonded,
+    Contact,
     Debonding,
     ExponentialDebonding,
     IntrinsicExponential,
@@ -471,6 +472,32 @@ def test_bonded_is_a_tie():
     np.testing.assert_array_equal(update.traction, trial)
     assert not update.gap.any()
     assert not update.tangent.any()
+
+
+@SETTINGS
+@given(dims, seeds, frictions)
+def test_contact_is_what_is_left_of_a_bond(d, seed, mu):
+    """Equal to `Debonding` whose bond is gone, in everything but the history that it needs not.
+
+    Whether a closure of the size of rounding is called one depends on the strength: the mode of
+    such points may differ.
+    """
+    bond, law = Debonding(P_C, ZETA_C, mu), Contact(mu)
+    trial, normal, gap, _, penalty = oracle.random_state(
+        np.random.default_rng(seed), bond, POINTS, d, 3.0
+    )
+    trial[:20], gap[20:40] = 0.0, 0.0
+    gone, none = np.full(POINTS, P_C), np.zeros(POINTS)
+    with np.errstate(all="raise"):
+        update = law.return_map(trial, normal, gap, none, penalty)
+    expected = bond.return_map(trial, normal, gap, gone, penalty)
+    for name in set(update.__slots__) - {"softening", "mode"}:
+        np.testing.assert_array_equal(getattr(update, name), getattr(expected, name), name)
+    clear = np.abs(np.einsum("pi,pi->p", gap, normal)) * penalty > 1e-9 * P_C
+    clear |= (gap == 0).all(axis=1)
+    assert clear.sum() > POINTS / 5
+    assert (update.mode[clear] == expected.mode[clear]).all()
+    assert not update.softening.any()
 
 
 def test_docstring_example():

@@ -14,7 +14,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from support import bar
@@ -177,6 +177,25 @@ def bars_alone(
     history = vmdg.solve(problem, given, vmdg.SolveOptions(**options), look).history
     load = history["load"].tolist()
     return history["early"].max(), max(history["off"][load.index(t)] for t in given)
+
+
+@pytest.mark.long
+@settings(max_examples=2)
+@given(
+    strengths=st.lists(st.floats(4.0, 9.8), min_size=3, max_size=4),
+    shares=st.lists(st.floats(0.3, 3.0), min_size=4, max_size=4),
+    steps=st.integers(3, 8),
+    unstable=st.sampled_from(["jump", "trace"]),
+)
+@example([4.5174, 4.9945, 4.8752], [2.3343, 0.4376, 0.78376], 9, "jump")
+@example([6.44428, 6.24815, 4.63995], [0.67388, 0.34166, 1.5346], 4, "trace")
+def test_no_bar_fails_below_its_strength(comm, strengths, shares, steps, unstable):
+    """Some bars soften stably while others snap: in every row each is as if it were alone."""
+    given = (np.arange(1, steps + 1) - 1e-4) / steps
+    options = {"unstable": unstable, "unloading": "secant"}
+    early, off = bars_alone(comm, strengths, shares, given, **options)
+    assert early == 0
+    assert off < 1e-6
 
 
 @pytest.mark.parametrize(

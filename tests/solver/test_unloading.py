@@ -51,3 +51,20 @@ def test_snap_back_is_traced(comm, name, kinematics):
         assert pytest.approx(softened(name, gap, critical_gap), abs=1e-6) == T
     assert problem.energy().damage == pytest.approx(STRENGTH * critical_gap / 2, rel=1e-4)
     assert np.allclose(history["spread"], 0, atol=1e-8)
+
+
+@pytest.mark.parametrize("control", ["auto", "load", "dissipation"])
+def test_a_load_that_turns_back_unloads(comm, control):
+    """Plastic gaps: the traction falls along the elastic line, no bond breaks on the way back."""
+    problem = bar.with_law(comm, vmdg.Debonding(STRENGTH, 0.12), "small")
+    options = vmdg.SolveOptions(**OPTIONS, control=control)
+    history = vmdg.solve(problem, [0.03, 0.06, 0.045, 0.06], options, bar.means).history
+    rows = [list(history["load"]).index(0.06)]
+    rows += range(rows[0] + 1, len(history))
+    top = rows[0]
+    assert {0.045, 0.06} == set(history["load"][rows])
+    for row in rows:
+        T, t = history["traction"][row], history["load"][row]
+        slope = bar.E / (1 - bar.NU**2) / 2
+        assert pytest.approx(history["traction"][top] - slope * (0.06 - t), rel=1e-8) == T
+        assert history["gap"][row] == pytest.approx(history["gap"][top], rel=1e-8)
