@@ -130,9 +130,7 @@ TABLES = {
     "in_time.md": (
         "Motion in time",
         "A bar that parts in its middle and beats for 50 periods: energy relative to that at the "
-        "start, and change of T in a step while the bond begins to fail, relative to its strength. "
-        "Below, critical steps of central differences relative to those of plain elements: two "
-        "blocks tied, bonded by a bond that can fail, and with one that is broken.",
+        "start, and change of T in a step while the bond begins to fail, relative to its strength.",
     ),
     "delamination.md": (
         "Delamination tests",

@@ -347,12 +347,12 @@ class _TractionChain:
 def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
     """H = (A.N), H_mij = d(P.N)_m/dF_ij with A of (19), (d, n, n) for F (n, n) [MPa]."""
     if body.points is not None:
-        return body.points.traction_moduli(N)
-    chain = _chain(body, F)
-    if chain is None:
+        H = body.points.traction_moduli(N)
+    elif (chain := _chain(body, F)) is None:
         return ufl.diff(traction(body, F, N), F)
-    units = np.eye(len(N), dtype=int).tolist()
-    H = ufl.as_tensor([_TractionChain(chain, body, F, N, e).moduli() for e in units])
+    else:
+        units = np.eye(len(N), dtype=int).tolist()
+        H = ufl.as_tensor([_TractionChain(chain, body, F, N, e).moduli() for e in units])
     if body.fluid is None or body.small:
         return H
     return H + ufl.diff(body.fluid * area_vector(body, F, N), F)
@@ -361,25 +361,26 @@ def traction_moduli(body: Body, F: Expr, N: Expr) -> Expr:
 def projected_traction_moduli(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     """v.(A.N), the derivative of v.P.N by F, (n, n) [MPa times the unit of v]."""
     if body.points is not None:
-        return ufl.dot(v, body.points.traction_moduli(N))
-    chain = _chain(body, F)
-    if chain is None:
+        moduli = ufl.dot(v, body.points.traction_moduli(N))
+    elif (chain := _chain(body, F)) is None:
         return ufl.diff(ufl.dot(v, traction(body, F, N)), F)
-    moduli, fluid = _TractionChain(chain, body, F, N, v).moduli(), _fluid_traction(body, F, N, v)
+    else:
+        moduli = _TractionChain(chain, body, F, N, v).moduli()
+    fluid = _fluid_traction(body, F, N, v)
     return moduli if fluid is None else moduli + ufl.diff(fluid, F)
 
 
 def projected_third_derivative(body: Body, F: Expr, N: Expr, v: Expr) -> Expr:
     """K = Xi:(v (x) N) of (85): K_ijkl = d2(v.P.N)/dF_ij dF_kl, (n, n, n, n).
 
-    Zero for a body at points, whose moduli on facets are constant in a step.
+    That of the fluid alone for a body at points, whose moduli on facets are constant in a step.
     """
     if body.points is not None:
-        return ufl.zero(F.ufl_shape + F.ufl_shape)
-    chain = _chain(body, F)
-    if chain is None:
+        third = ufl.zero(F.ufl_shape + F.ufl_shape)
+    elif (chain := _chain(body, F)) is None:
         return ufl.diff(projected_traction_moduli(body, F, N, v), F)
-    third = _TractionChain(chain, body, F, N, v).third_derivative()
+    else:
+        third = _TractionChain(chain, body, F, N, v).third_derivative()
     fluid = _fluid_traction(body, F, N, v)
     return third if fluid is None else third + ufl.diff(ufl.diff(fluid, F), F)
 

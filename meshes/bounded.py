@@ -58,9 +58,6 @@ def bounded(size: int) -> Iterator[None]:
     """Bound the memory that is allocated in the block, as far as the system can.
 
     A count in a file of 100 bytes may ask for any amount of memory.
-
-    Args:
-        size: Of the file [bytes].
     """
     before = resource.getrlimit(resource.RLIMIT_AS)
     limit = _address_space() + ROOM + PER_BYTE * size

@@ -139,29 +139,6 @@ def test_wrong_numbers_are_found(comm, capsys):
         assert "does not work correctly here" in said
 
 
-def test_petsc_without_mumps(comm, capsys):
-    """The cure is named, and what cannot work then is not tried."""
-    lacks = partial(doctor.check_petsc, has={"MUMPS": False, "GAMG": True})
-    assert doctor.doctor(with_check("PETSc", lacks)) == 1
-    said = capsys.readouterr().out
-    if comm.rank == 0:
-        assert list(states(said)) == NAMES[:3]
-        assert "PETSc has no MUMPS" in said
-        assert "--download-mumps" in said
-
-
-def test_optional_parts(comm, capsys, monkeypatch):
-    """Without fields and gmsh the rest is fine: exit code 0, with the cures."""
-    monkeypatch.setitem(sys.modules, "gmsh", None)
-    monkeypatch.setattr(dolfinx, "has_adios2", False)
-    assert main(["doctor"]) == 0
-    said = capsys.readouterr().out
-    if comm.rank == 0:
-        missing = [name for name, state in states(said).items() if state == "missing"]
-        assert missing == ["fields", "meshes"]
-        assert said.count("cure: ") == 2
-
-
 @pytest.mark.parametrize(
     ("version", "message"),
     [("0.8.0", "DOLFINx 0.8.0 is not 0.9 to 0.11"), (None, "dolfinx cannot be imported")],

@@ -188,24 +188,6 @@ def test_list_of_demos():
     assert done.stdout.endswith(wrong.stderr.partition("\n")[2])
 
 
-@pytest.mark.parametrize(("answer", "agrees"), [("n", False), ("", True), ("yes", True)])
-def test_root_is_asked(machine, answer, agrees):
-    """Before the system is changed, at a terminal; --yes, CI and scripts go on."""
-    ask = "common.agree('installing x in this system')\nprint('goes on')"
-    assert "goes on" in machine.run(ask).stdout  # no terminal
-    at_terminal = f"""
-import pty
-ours, theirs = pty.openpty()
-os.dup2(theirs, 0)
-os.write(ours, {(answer + chr(10)).encode()!r})
-{ask}
-"""
-    done = machine.run(at_terminal, CI="", VMDG_YES="")
-    assert ("goes on" in done.stdout) == agrees
-    assert "installing x in this system" in done.stderr
-    assert "goes on" in machine.run(at_terminal, VMDG_YES="1").stdout
-
-
 def test_wheels_are_locked():
     """Every package that is asked for has a version, and every version hashes."""
     asked = re.sub("#.*", "", (SETUP / "wheels.in").read_text())
@@ -214,24 +196,6 @@ def test_wheels_are_locked():
     versions = re.findall(name, locked, re.MULTILINE)
     assert {*re.findall(r"^[\w-]+", asked, re.MULTILINE)} <= {*versions}
     assert re.findall(name + digest, locked, re.MULTILINE) == versions
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["-n"], "-n needs a value"),
-        (["-j", "x"], "-j takes a number of processes, not 'x'"),
-        (["-n2", "-j2"], "-j 2 is for the serial suite"),
-        (["--dolfinx=0.9"], "--dolfinx takes only the word 'latest'"),
-        # These would share a serial suite between two processes, on one rank each.
-        (["-q", "-n", "2"], "-n comes before the arguments of pytest"),
-    ],
-)
-def test_mistakes_in_options(arguments, message):
-    """What is wrong is named before anything is installed."""
-    done = command("tests", *arguments)
-    assert done.returncode == 1
-    assert message in done.stderr
 
 
 def test_python_that_has_no_dolfinx(tmp_path):

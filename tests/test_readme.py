@@ -162,27 +162,6 @@ def test_command(page, command, monkeypatch):
     attempt(command, monkeypatch)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "demos/run fibre_matrx",
-        "demos/run fibre_matrix --triangels",
-        "demos/run -n two patch_tension",
-        "demos/run --dolfinx newest patch_tension",
-        "srun python demos/scaling.py --cels 4",
-        "tests/run tests/test_nothing.py",
-        "tests/run tests/checkpoint/test_restart.py -k nothing_like_it",
-        "pip install .[everything]",
-        ".ci/referenc",
-        "make all",
-    ],
-)
-def test_wrong_command_is_found(command, monkeypatch, capsys):
-    """The check of a command fails where a reader would."""
-    with pytest.raises(AssertionError):
-        attempt(command, monkeypatch)
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_options_in_the_text(page):
     """Options named by themselves belong to a script."""

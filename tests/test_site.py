@@ -124,20 +124,6 @@ def test_types_of_arguments_are_said():
     assert not {"Piece", "Weigh", "Points", "Array"} & set(rows)
 
 
-def test_tutorials_are_chapters():
-    """Numbered comments of a script become headings and text, all other lines are shown."""
-    page = sources()["demos/tutorial.md"]
-    assert "### Geometry\n\nBodies and sides get physical groups" in page
-    assert "# 1. Geometry" not in page
-    lines = (ROOT / "demos" / "tutorial.py").read_text().splitlines()
-    shown: set[int] = set()
-    for first, last in re.findall(r"/code/tutorial\.py\n:lines: (\d+)-(\d+)", page):
-        shown |= set(range(int(first), int(last) + 1))
-    _, behind = PAGES.docstring(ROOT / "demos" / "tutorial.py")
-    hidden = [line for i, line in enumerate(lines, 1) if i > behind and i not in shown]
-    assert all(not line or line.lstrip().startswith("# ") for line in hidden)
-
-
 def test_docstrings_keep_their_formulas():
     """Blocks that are set in are literal, characters of formulas are no markup."""
     typed = """\
@@ -160,15 +146,6 @@ def test_docstrings_keep_their_formulas():
     assert made[7] == r"* a point, \|T\| <= R,"
     assert made[8] == "  that goes on"
     assert made[11] == r"    a: Of the bodies, \|a\|."
-
-
-def test_requirements_are_those_of_the_package():
-    """The command reads dependencies and the extra without a parser of TOML."""
-    found = BUILD.requirements()
-    assert {"numpy", "scipy", "sphinx", "myst-parser"} <= set(found)
-    tomllib = pytest.importorskip("tomllib")
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert found == project["dependencies"] + project["optional-dependencies"]["docs"]
 
 
 def shown(text: str, display: bool = True) -> str:

@@ -125,19 +125,6 @@ def test_words_are_plain(path):
     assert not bad, "\n".join(bad)
 
 
-def test_what_is_found():
-    """Whole words only, in docstrings, comments and messages, but not in formats and code."""
-    assert found("The lips come free: .5 of them, 3% in all")[:2] == [
-        "'lips' (write: crack faces)",
-        "'come free' (write: is detached)",
-    ]
-    assert len(found("The lips come free: .5 of them, 3% in all")) == 4
-    assert not found("clips of an ellipse; there is no load, there is none; 0.5, 3 %, a.1; WORN")
-    source = 'x = f"{y:.3g} lip"  # it goes\n                     # on\n'
-    assert [text for _, text in literals(ast.parse(source))] == [" lip"]
-    assert [text for _, text in comments(source)] == ["it goes", "on"]
-
-
 def test_glossary_has_each_term_once():
     """One row per term, with a meaning, and equations that the report has."""
     lines = (ROOT / "vmdg" / "GLOSSARY.md").read_text().splitlines()

@@ -226,7 +226,7 @@ def check_ranks(comm: MPI.Comm, environment: Mapping[str, str] = os.environ) -> 
     return f"{comm.size} of {comm.size} ranks answer{hint}"
 
 
-def check_petsc(comm: MPI.Comm, has: Mapping[str, bool] | None = None) -> str:
+def check_petsc(comm: MPI.Comm) -> str:
     """Check that PETSc has real scalars and the direct solver that vmdg uses."""
     from petsc4py import PETSc
 
@@ -234,7 +234,7 @@ def check_petsc(comm: MPI.Comm, has: Mapping[str, bool] | None = None) -> str:
 
     if np.dtype(PETSc.ScalarType) != np.float64:
         raise RuntimeError(f"PETSc has {np.dtype(PETSc.ScalarType).name}, vmdg needs float64")
-    has = petsc_solvers() if has is None else has
+    has = petsc_solvers()
     if not has["MUMPS"]:
         raise RuntimeError("PETSc has no MUMPS")
     slow = "; its BLAS is slow, install libopenblas0-pthread" if blas() == "reference" else ""

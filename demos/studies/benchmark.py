@@ -1,11 +1,9 @@
 """Seconds and work of vmdg against plain finite elements.
 
-Parts, one or several by name: "precision" draws error against unknowns and processor time, "intact"
-lists errors of intact interfaces where they differ most from those of plain elements, "ratio"
-compares one Newton iteration, "plastic" those of plastic and elastic bodies, "separate" those of
-bodies meshed separately and together, "explicit" times steps in time. Seconds are processor time of
-warm runs on one core, the least of some; whatever is compared takes turns in one process. On one
-rank, but "ratio" and "explicit", which on several tell the times of the slowest.
+Parts, one or several by name: "precision" draws error against unknowns and processor time, "ratio"
+compares one Newton iteration, "separate" those of bodies meshed separately and together. Seconds
+are processor time of warm runs on one core, the least of some; whatever is compared takes turns in
+one process. On one rank, but "ratio", which on several tells the times of the slowest.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ from typing import Any
 from mpi4py import MPI
 
 from matplotlib.figure import Figure
-from parts.benchmark import explicit, intact, iterations, precision
+from parts.benchmark import iterations, precision
 from parts.benchmark.common import DIMENSION
 from parts.options import run
 from parts.tables import markdown, progress
@@ -38,14 +36,6 @@ def precision_part(coarse: bool, repeats: int) -> Outcome:
     return points, text, lambda: precision.plot(points)
 
 
-def intact_part(coarse: bool, repeats: int) -> Outcome:
-    """Errors of intact interfaces in rings, around cores and in shells."""
-    kinds = [(c, k) for c, d in DIMENSION.items() for k in (1, 2, 3)[: 1 if coarse else 5 - d]]
-    cases = progress([case for kind in kinds for case in intact.cases(*kind)], "mesh")
-    found = [one for case in cases for one in intact.measure(*case, (intact.TIE, intact.BOND))]
-    return found, markdown(intact.HEAD, intact.rows(found)), None
-
-
 def iteration_table(costs: list[iterations.Cost]) -> str:
     """Of iterations with the same further columns."""
     return markdown((*iterations.HEAD, *costs[0].more), [cost.row() for cost in costs])
@@ -62,27 +52,6 @@ def ratio_part(coarse: bool, repeats: int) -> Outcome:
     return rows, iteration_table(rows), None
 
 
-def plastic_part(coarse: bool, repeats: int) -> Outcome:
-    """Points a second, and Newton iterations of plastic bodies against those of elastic ones."""
-    speeds = {
-        name: [iterations.points_a_second(material, small, repeats) for small in (True, False)]
-        for name, material in iterations.METALS.items()
-    }
-    cases = [
-        (small, direct, 2 if coarse else 10, repeats, tied)
-        for tied in (False, True)
-        for direct in (True, False)
-        for small in (True, False)
-    ]
-    costs = [iterations.of_plastic(*case) for case in progress(cases, "case")]
-    points = markdown(
-        ("material", "small strain", "finite strain"),
-        [(name, *speed) for name, speed in speeds.items()],
-    )
-    text = f"{points}\n\n{iteration_table(costs)}"
-    return (speeds, costs), text, None
-
-
 def separate_part(coarse: bool, repeats: int) -> Outcome:
     """Newton iterations of bodies that are meshed separately against those of one mesh."""
     cases = [
@@ -95,27 +64,10 @@ def separate_part(coarse: bool, repeats: int) -> Outcome:
     return costs, iteration_table(costs), None
 
 
-def explicit_part(coarse: bool, repeats: int) -> Outcome:
-    """Explicit steps in the plane and in space."""
-    shown = MPI.COMM_WORLD.rank == 0
-    sizes = {"triangle": 64, "quadrilateral": 64, "hexahedron": 20}
-    cases = [
-        (cell, 4 if coarse else n, kinematics, law, 5 if coarse else 100, repeats)
-        for cell, n in sizes.items()
-        for kinematics in ("small", "finite")
-        for law in explicit.LAWS
-    ]
-    costs = [explicit.measure(*case) for case in progress(cases, "case", shown)]
-    return costs, markdown(explicit.HEAD, [cost.row() for cost in costs]), None
-
-
 PARTS: dict[str, Callable[[bool, int], Outcome]] = {
     "precision": precision_part,
-    "intact": intact_part,
     "ratio": ratio_part,
-    "plastic": plastic_part,
     "separate": separate_part,
-    "explicit": explicit_part,
 }
 
 
@@ -129,8 +81,7 @@ def main(
     """Run parts; what each has found by name.
 
     Args:
-        parts: Some of precision, intact, ratio, plastic, separate and explicit; all
-            without any.
+        parts: Some of precision, ratio and separate; all without any.
         coarse: Small meshes.
         repeats: Runs, of which the fastest counts.
         out: Folder for tables and pictures.

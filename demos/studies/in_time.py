@@ -1,9 +1,7 @@
-"""Motion in time: energy where a bond opens and closes, and steps that interfaces allow.
+"""Motion in time: energy where a bond opens and closes.
 
 A bar that parts in its middle and beats for 50 periods, by vmdg and by extrinsic cohesive elements
-with a penalty, which gain energy in steps close to the critical one. Critical steps of central
-differences with interfaces, relative to those of plain elements on the same mesh, are from all
-eigenvalues.
+with a penalty, which gain energy in steps close to the critical one.
 
 Two bars of unit length, modulus and density fly apart at a rate that just reaches the strength of
 the bond between them, which loses a little of it, and vibrate. Ghesquiere-Dierickx, Molinari and
@@ -19,85 +17,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 from parts.options import run
 from parts.tables import markdown
-from scipy.linalg import eigvalsh
 
 import vmdg
 from vmdg.meshes import blocks
 
 Array = NDArray[np.float64]
-
-#: Cells along the sides of each of the two blocks, by type.
-DIVISIONS = {
-    "triangle": (3, 3),
-    "quadrilateral": (3, 3),
-    "tetrahedron": (2, 2, 2),
-    "hexahedron": (2, 2, 2),
-}
-OF_STEPS = ("cells", "degree", "masses", "E_2/E_1", "tied", "debonding", "broken, closed", "open")
-
-
-def critical(problem: vmdg.Problem, damage: bool) -> float:
-    """2/omega, omega^2 the largest eigenvalue of M^-1.K: of lumped masses, or where one of them is
-    not positive of consistent ones.
-
-    Args:
-        damage: With the tangent of points that are damaged, or with that of the bond.
-    """
-    problem.step.assemble_residual(hold=not damage)
-    matrix = problem.discretization.create_matrix()
-    problem.discretization.assemble_tangent(matrix, damage=damage)
-    K, M = full(matrix), full(problem.step.motion.mass)
-    matrix.destroy()
-    sums = M.sum(axis=1)
-    if sums.min() > 1e-12 * sums.max():
-        M = np.diag(sums)
-    return 2 / np.sqrt(eigvalsh((K + K.T) / 2, M, subset_by_index=[len(K) - 1] * 2)[0])
-
-
-def full(matrix: PETSc.Mat) -> Array:
-    """A PETSc matrix as an array."""
-    rows, columns, values = matrix.getValuesCSR()
-    dense = np.zeros(matrix.getSize())
-    dense[np.repeat(np.arange(len(rows) - 1), np.diff(rows)), columns] = values
-    return dense
-
-
-def steps(cell: str, degree: int, contrast: float) -> tuple:
-    """Row of the table: shares of the critical step of plain elements on the same mesh."""
-    scene = blocks(MPI.COMM_SELF, cell, DIVISIONS[cell])
-    bodies = {1: vmdg.NeoHookean(E=1.0, nu=0.3), 2: vmdg.NeoHookean(E=contrast, nu=0.3)}
-    bond = vmdg.Debonding(strength=1e-3, critical_gap=1e-3)
-
-    def made(law: vmdg.Law | None, start: float = 0.0, move: float = 0.0) -> float:
-        damage = (lambda x: start + 0 * x[0]) if start else None
-        interfaces = [vmdg.Interface(between=(1, 2), law=law, initial_damage=damage)] if law else []
-        problem = vmdg.Problem(
-            scene.mesh,
-            scene.cell_tags,
-            bodies,
-            interfaces,
-            degree,
-            kinematics="small",
-            density={1: 1.0, 2: 1.0},
-        )
-        if move:
-            d = scene.mesh.geometry.dim
-            moved = np.unique(problem.space.dofmap.list[scene.cell_tags.find(2)])
-            problem.u.x.array.reshape(-1, d)[moved, 0] += move
-        return critical(problem, damage=bool(start))
-
-    plain = made(None)
-    shares = [made(vmdg.Bonded()), made(bond), made(bond, 1.0, -1e-4), made(bond, 1.0, 1e-2)]
-    lumped = degree == 1 or cell in ("quadrilateral", "hexahedron")
-    masses = "lumped" if lumped else "consistent"
-    return (cell, degree, masses, f"{contrast:g}", *(f"{share / plain:.2f}" for share in shares))
 
 
 Array = NDArray[np.float64]
@@ -223,30 +153,27 @@ def main(
     coarse: bool = False,
     out: str = "results/in_time",
     plot: bool = True,
-) -> tuple[list[Beat], list[tuple]]:
-    """Run all; the bars, and the rows of the table of critical steps.
+) -> list[Beat]:
+    """Run all bars.
 
     Args:
-        coarse: Few periods, and cells of degree 1 only.
-        out: Folder for tables and picture.
+        coarse: Few periods.
+        out: Folder for table and picture.
         plot: Draw the picture.
     """
     if MPI.COMM_WORLD.rank > 0:
-        return [], []
+        return []
     n, periods = (10, 5.0) if coarse else (20, 50.0)
     beats = [extrinsic(n, p, step, periods) for p in (1.0, 10.0) for step in (0.8, 0.5, 0.2)]
     beats.append(variational(n, periods))
-    degrees = (1,) if coarse else (1, 2)
-    cases = [(c, k, e) for c in DIVISIONS for k in degrees for e in (1.0, 10.0)]
-    rows = [steps(*case) for case in cases]
-    text = "\n\n".join((markdown(HEAD, (beat.row() for beat in beats)), markdown(OF_STEPS, rows)))
+    text = markdown(HEAD, [beat.row() for beat in beats])
     Path(out).mkdir(parents=True, exist_ok=True)
     (Path(out) / "in_time.md").write_text(text + "\n")
     if plot:
         draw(beats).savefig(Path(out) / "in_time.png", dpi=130)
     print(text)
     print(f"results are in {out}")
-    return beats, rows
+    return beats
 
 
 if __name__ == "__main__":

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 from support.budgets import over_budget
@@ -15,8 +13,6 @@ import vmdg
 PLANE = "generalized strain"
 E, NU, THICKNESS = 2000.0, 0.3, 2.5
 SOFT, STIFF = vmdg.NeoHookean(E=E, nu=NU), vmdg.NeoHookean(E=5 * E, nu=0.2)
-# About as stiff.
-OGDEN = vmdg.Ogden(c=(6300.0, 12.0, -10.0), m=(1.3, 5.0, -2.0), kappa=3000.0)
 
 
 def tagged(comm, divisions, tag_of, size=(1.0, 1.0), depth=None):
@@ -139,86 +135,6 @@ def test_cooled_laminate(comm):
     found = np.diagonal(stress.x.array.reshape(-1, 3, 3)[cells], axis1=2, axis2=3)
     expected = np.broadcast_to(sigma[known - 1][:, None], found.shape)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(sigma).max())
-
-
-@pytest.mark.parametrize("kinematics", ["small", "finite"])
-def test_macroscopic_tangent(comm, kinematics):
-    """With F_33 at hand, while bonds break and rub: that of differences, along one direction.
-
-    Of Ogden's energy UFL puts sums in order in more than a quarter of an hour, where there are any.
-    """
-    law = vmdg.Debonding(strength=5.0, critical_gap=0.004, friction=0.4)
-    start, end = np.diag([0.015, 0.0, -0.002]), np.diag([-0.006, 0.001, 0.003])
-    along, h = np.array([[0.3, 0.5, 0], [0.5, -0.4, 0], [0, 0, 0.7]]), 1e-6
-    scale = [0.0]
-
-    def mean(t):
-        late = end + [[0, 0.004, 0], [0.004, 0, 0], [0, 0, 0]] + scale[0] * along
-        return start * t if t < 1 else (2 - t) * start + (t - 1) * late
-
-    if kinematics == "small":
-        drive = vmdg.Periodic(strain=lambda t: mean(t)[:2, :2])
-    else:
-        drive = vmdg.Periodic(gradient=lambda t: np.eye(2) + mean(t)[:2, :2])
-    plane = vmdg.GeneralizedStrain(strain=lambda t: mean(t)[2, 2])
-    options = {"periodic": drive, "thickness": THICKNESS, "plane": plane}
-    stiff = STIFF if kinematics == "small" else OGDEN
-    cell = included(comm, (SOFT, stiff), 4, kinematics, law, **options)
-    options = vmdg.SolveOptions(relative_tolerance=1e-13, control="load")
-    vmdg.solve(cell, [1.0], options)
-    begin, stresses = cell.step.snapshot(), []
-    for step in (-h, h, 0.0):
-        scale[0] = step
-        cell.step.return_to(begin)
-        history = vmdg.solve(cell, [2.0], options).history
-        stresses.append(vmdg.PeriodicCell(cell).stress)
-    assert cell.energy().damage > 0 and cell.energy().friction > 0
-    assert np.abs(history["hill_mandel"]).max() < 1e-10
-    found = np.einsum("ijkl,kl->ij", vmdg.macroscopic_tangent(cell), along)
-    expected = (stresses[1] - stresses[0]) / (2 * h)
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-3)
-
-
-@pytest.mark.parametrize("activate", ["all", "on-demand"])
-def test_path_and_checkpoint(comm, out, activate):
-    """A brittle bond snaps back, free along z; a run goes on from its middle on other ranks."""
-
-    def laminate(where):
-        mesh, tags = tagged(where, (1, 4), lambda x: np.where(np.abs(x[1] - 0.5) < 0.25, 2, 1))
-        bond = vmdg.Interface(
-            lambda x: np.isclose(x[1], 0.25),
-            law=vmdg.Debonding(2.0, 0.0005),
-            activate=activate,
-            name="bond",
-        )
-        drive = vmdg.Periodic(strain={"yy": lambda t: 0.01 * t})
-        bodies = {1: SOFT, 2: STIFF}
-        options = {"kinematics": "small", "periodic": drive, "plane": PLANE}
-        return vmdg.Problem(mesh, tags, bodies, [bond], **options)
-
-    trace = vmdg.SolveOptions(relative_tolerance=1e-11, unstable="trace")
-    first = laminate(comm)
-    history = vmdg.solve(first, [1.0], trace, until=lambda p: p.debonded() > 0.5).history
-    vmdg.write_checkpoint(first, out / "cell", history)
-    ends = []
-    for where in (comm, MPI.COMM_SELF)[: comm.size]:
-        other = laminate(where)
-        before = vmdg.read_checkpoint(other, out / "cell")
-        axial, there = vmdg.AxialMotion(other), vmdg.AxialMotion(first)
-        assert axial.strain == pytest.approx(there.strain, rel=1e-13)
-        after = vmdg.solve(other, [1.0], trace, until=lambda p: p.debonded() > 0.9).history
-        ends.append((axial.strain, after["stress_yy"][-1]))
-    assert ends[0] == pytest.approx(ends[-1], rel=1e-8)
-    t, strain = (
-        np.append(before[f"{name}_yy"], after[f"{name}_yy"]) for name in ("stress", "strain")
-    )
-    # Free to contract across and along z, the laminate has the compliance of its first row.
-    gap = np.clip(2.0 - t, 0, None) / (2.0 / 0.0005)
-    holds = t > 1e-3
-    assert strain[holds] == pytest.approx((t * strain[0] / t[0] + gap)[holds], rel=1e-7)
-    assert np.abs(np.append(before["stress_zz"], after["stress_zz"])).max() < 1e-9
-    loads = np.append(before["load"], after["load"])
-    assert (np.diff(loads[holds]) < 0).any() or activate == "on-demand"
 
 
 def test_refused(comm):

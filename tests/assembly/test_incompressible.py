@@ -9,7 +9,6 @@ import pytest
 from dolfinx import fem
 from support import random_cells
 from support.checks import (
-    directions,
     gather,
     global_norm,
     tangent_error,
@@ -31,10 +30,8 @@ from support.scenes import (
 )
 
 import vmdg
-from vmdg.base.parallel import global_sum
 from vmdg.interface.coercivity import margin
 
-BRICKS = pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 BOTH_PAIRS = pytest.mark.parametrize(
     ("cell", "kinematics"), [("quadrilateral", "small"), ("hexahedron", "finite")]
 )
@@ -173,29 +170,6 @@ def test_invariants_give_the_energy_of_f_bar(comm):
     assert other.norm() < 1e-11 * matrix.norm()
 
 
-@BOTH_PAIRS
-def test_residual_is_derivative_of_energy(comm, cell, kinematics):
-    """R.du is the change of the stored energies with zeta held, by differences of fourth order."""
-    scene = two_blocks(comm, cell, distortion=0.05)
-    problem = joined(
-        scene, vmdg.Debonding(strength=1e5, critical_gap=1e3), kinematics=kinematics,
-        volumetric="mean",
-    )  # fmt: skip
-    displace(problem, scene, 1.0)
-    residual = problem.step.assemble_residual(hold=True).copy()
-    u = problem.u.x.array
-    start, e = u.copy(), 1e-3
-
-    def energy(step):
-        u[:] = start + step * du
-        return problem.energy().stored
-
-    for du in directions(problem):
-        slope = (8 * (energy(e) - energy(-e)) - (energy(2 * e) - energy(-2 * e))) / (12 * e)
-        expected = float(global_sum(comm, residual @ du[: len(residual)]))
-        assert expected == pytest.approx(slope, rel=1e-8)
-
-
 # Modes without energy
 
 
@@ -247,21 +221,6 @@ def test_no_negative_eigenvalue(cell, alone, count):
     assert (1 - margin(vmdg.Bonded(), 1)) * problem.stabilization[0].safety.max() < 7.5
     derived = configurations.problem("mean", law=vmdg.Bonded(), safety=1.0)
     assert (configurations.lowest(derived) < -random_cells.ROUNDING).any()
-
-
-@BRICKS
-def test_margin(cell):
-    """1 - alpha times the factor suffices for all u."""
-    configurations = random_cells.Case(cell, 1, True, 60).draw(5)
-    auto = configurations.problem("mean", law=vmdg.Bonded())
-    safety = (1 - margin(vmdg.Bonded(), 1)) * auto.stabilization[0].safety
-
-    def stabilization(tau1, tau2, context):
-        bonded = np.linalg.inv(tau1 + tau2)
-        return safety[:, None, None] * bonded, bonded @ tau1
-
-    less = configurations.problem("mean", law=vmdg.Bonded(), stabilization=stabilization)
-    assert (configurations.lowest(less) > -random_cells.ROUNDING).all()
 
 
 # Runs

@@ -64,19 +64,6 @@ def test_traction_in_space(comm, way):
     assert moment == pytest.approx(2 * (2 - 6), rel=1e-12)
 
 
-def test_pressure_by_the_facet_normal(comm):
-    """A dead pressure -p N on the whole boundary leaves no resultant."""
-    problem, scene = make(comm)
-    normal = ufl.FacetNormal(problem.mesh)
-    problem.traction(scene.facet_tags.find(2), -7.0 * normal)
-    assert resultants(problem, 1.0)[0] == pytest.approx([-7.0, 0.0], abs=1e-12)
-    for tag in (1, 4, 5):
-        problem.traction(scene.facet_tags.find(tag), -7.0 * normal)
-    force, moment = resultants(problem, 1.0)
-    assert force == pytest.approx([0, 0], abs=1e-12)
-    assert moment == pytest.approx(0, abs=1e-12)
-
-
 def test_errors_at_the_door(comm):
     """Wrong shapes and test functions are refused."""
     problem, scene = make(comm)

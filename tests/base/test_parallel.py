@@ -70,15 +70,6 @@ def test_same_run_on_any_number_of_ranks(comm, cell):
         assert np.abs(mine - expected).max() < ROUNDING * np.abs(expected).max()
 
 
-def test_reactions_balance(comm):
-    """Both ends carry opposite forces, and every rank is told the same."""
-    problem, _, (left, right) = sheared_apart(comm, "triangle")
-    forces = problem.reaction(left), problem.reaction(right)
-    told = comm.allgather(forces)
-    assert np.abs(forces[0] + forces[1]).max() < ROUNDING * np.abs(forces[1]).max()
-    assert all(np.array_equal(each, told[0]) for each in told)
-
-
 MESHES = {
     "box": lambda comm: unit_box(comm, "triangle", 8),
     # Few cells on three ranks: ghosts of a rank are shared by ranks that it sends nothing to.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-
 import numpy as np
 import pytest
 from support.problems import couple
@@ -44,13 +42,6 @@ def test_reading_a_mesh(comm):
         vmdg.meshes.read_mesh(comm, "nowhere.msh", mrge=True)
 
 
-def test_signatures_stay():
-    """For editors: names and defaults of what is decorated."""
-    parameters = inspect.signature(vmdg.SolveOptions).parameters
-    assert parameters["relative_tolerance"].default == 1e-9
-    assert list(inspect.signature(vmdg.Interface).parameters)[:2] == ["facets", "between"]
-
-
 def test_names_of_interfaces():
     """Short, whatever the law has; a repr says which side is 1."""
     law = vmdg.ExponentialDebonding(strength=lambda x: 1 + x[0], fracture_energy=lambda x: x[0])
@@ -63,16 +54,6 @@ def test_names_of_interfaces():
     assert "<side 1: the lower tag>" in repr(vmdg.Interface(between=("a", "b"), law=law))
     facets = vmdg.Interface(np.arange(3), law=vmdg.Debonding(strength=np.ones(3), critical_gap=0.1))
     assert "facets=<3>, law=Debonding(strength=<3 values>," in repr(facets)
-
-
-def test_side_1(comm):
-    """It is the group of the lower tag in whichever order they are given: N points to the other."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    bodies = dict.fromkeys((1, 2), vmdg.NeoHookean(E=1e3, nu=0.3))
-    for between in ((1, 2), (2, 1)):
-        bond = vmdg.Interface(between=between, law=LAW)
-        problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [bond])
-        assert (problem.state[0].normal[:, 0] > 0.9).all()
 
 
 ONE_POINT = {

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from support.problems import joined
-from support.scenes import two_blocks
+from support.scenes import pairs_of_features, two_blocks
 
 import vmdg
 
@@ -85,21 +83,6 @@ EXCLUDE = [
     *({fluid, plane} for fluid in ("fluid", "fluid by width") for plane in PLANES[1:]),
     {"of revolution", "thickness"},
 ]
-PAIRS = [p for p in combinations(FEATURES, 2) if not any(row >= set(p) for row in EXCLUDE)]
-
-
-def chosen() -> list[tuple[str, str]]:
-    """Pairs in which every feature occurs, the same on every rank; VMDG_PAIRS=all takes all of
-    them, VMDG_SEED chooses others."""
-    if os.environ.get("VMDG_PAIRS") == "all":
-        return PAIRS
-    random = np.random.default_rng(int(os.environ.get("VMDG_SEED", "1")))
-    pairs = [PAIRS[i] for i in random.permutation(len(PAIRS))]
-    found, missing = [], set(FEATURES)
-    while missing:
-        found.append(max(pairs, key=lambda pair: len(missing & set(pair))))
-        missing -= set(found[-1])
-    return found
 
 
 def build(comm: MPI.Comm, pair: tuple[str, str], later: bool) -> vmdg.Problem:
@@ -146,7 +129,7 @@ def run(problem: vmdg.Problem, pair: tuple[str, str], loads, history=None, **opt
 
 
 @pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
-@pytest.mark.parametrize("pair", chosen(), ids=" and ".join)
+@pytest.mark.parametrize("pair", pairs_of_features(FEATURES, EXCLUDE), ids=" and ".join)
 def test_resumed(comm: MPI.Comm, out: Path, pair: tuple[str, str]) -> None:
     """The checkpoint of a random load factor, read by another problem, leads to the same rows."""
     random = np.random.default_rng(sum(map(ord, "".join(pair))))

@@ -219,42 +219,6 @@ def grip(problem: vmdg.Problem) -> None:
     problem.dirichlet(lambda x: np.isclose(x[0], 2), lambda t: (0.01 * (t - 1), 0.0), relative=True)
 
 
-@pytest.mark.filterwarnings("ignore:the body of tag 2 carries:vmdg.ModelWarning")
-def test_support_that_starts_where_the_body_is(comm, out):
-    """A resumed run starts from the same place, wherever the problem is when it is set up."""
-    held = problem, _ = gripped(comm)
-    history = run(held, [0.5, 1.0])
-    grip(problem)
-    before = run(held, [1.2, 1.4], history, checkpoint=out)
-    expected = run(held, [1.6, 1.8], before)["force"]
-    held = problem, _ = gripped(comm)
-    with pytest.raises(ValueError, match="supports with relative=True: 1 there, nothing here"):
-        vmdg.read_checkpoint(problem, out)
-    grip(problem)
-    found = run(held, [1.6, 1.8], vmdg.read_checkpoint(problem, out))["force"]
-    assert_same(found, expected, 0.0 if comm.size == 1 else SAME, "force")
-
-
-def test_a_checkpoint_changes_nothing(comm, out):
-    """With a fluid where the bond is gone: forces and works are those of a run without one."""
-    histories = []
-    for options in ({}, {"checkpoint": out, "checkpoint_every": 1}):
-        law = vmdg.Debonding(strength=15.0, critical_gap=0.06)
-        scene = two_blocks(comm, "quadrilateral", 3)
-        options |= {"unstable": "trace"}
-        interface = {"initial_damage": 0.4}
-        problem = joined(scene, law, interface=interface, kinematics="small")
-        problem.dirichlet(left, 0.0)
-        problem.dirichlet(scene.facet_tags.find(2), lambda t: (0.08 * t, 0.0))
-        problem.pressure(problem.interfaces[0], lambda t: 2.0 * t, debonded=True)
-        history = run((problem, left), [0.2, 0.4, 0.6, 0.8, 1.0], **options)
-        given = np.isin(history["load"], [0.2, 0.4, 0.6, 0.8, 1.0])
-        histories.append([history[name][given] for name in ("force", "external", "imbalance")])
-    size = np.abs(histories[0][1]).max()
-    for mine, expected in zip(*histories, strict=True):
-        assert np.abs(mine - expected).max() < 1e-8 * max(size, np.abs(expected).max())
-
-
 # What is refused, and what a failure leaves
 
 

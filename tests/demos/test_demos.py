@@ -510,21 +510,3 @@ def test_strengths_of_fibre_cell(comm, out):
         low, high = study.hashin_shtrikman(share)
         assert low[0] < bulk < high[0] and low[1] < shear < high[1]
     assert abs(both[1, 2]) < 1e-6 * across  # free of stress
-
-
-def test_tool_that_grips(comm):
-    """Nodes of the push-out keep the form they have when they are gripped."""
-    import pushout as demo
-    from dolfinx import fem
-
-    import vmdg
-
-    model = demo.build(False, 6, 0.5, demo.LAW, demo.FIBRE_MODULUS)
-    problem = model.problem
-    vmdg.solve(problem, [1.0])
-    dofs = fem.locate_dofs_topological(problem.space, 1, model.top)
-    before = problem.u.x.array.reshape(-1, 2)[dofs, 1].copy()
-    problem.dirichlet(model.top, lambda t: 1 - t, model.axis, relative=True)
-    vmdg.solve(problem, [1.001])
-    moved = problem.u.x.array.reshape(-1, 2)[dofs, 1] - before
-    assert moved == near(np.full(len(dofs), -0.001), abs=1e-12)

@@ -29,6 +29,7 @@ from parts.delamination.peel import theory as peeling
 from parts.delamination.plies import D30, first_growth
 from parts.others import cases
 from parts.plasticity import arms, shells
+from parts.stability import cases as families
 from parts.stability import runner
 from support.budgets import over_budget
 
@@ -191,19 +192,15 @@ def test_delamination_costs_what_it_may():
 @one_rank
 def test_in_time(out):
     """Extrinsic elements jump and gain energy in large steps and converge in small ones, vmdg keeps
-    it; interfaces that can fail leave nine tenths of the step of plain elements."""
-    (*extrinsic, mine), rows = in_time.main(coarse=True, out=str(out))
+    it."""
+    *extrinsic, mine = in_time.main(coarse=True, out=str(out))
     for beat in extrinsic:
         assert (beat.energy.max() > 1.1) == (beat.step > 0.2), beat
         assert beat.energy.max() < 1.01 or beat.step > 0.2, beat
     half = len(mine.energy) // 2
     assert 0.7 < mine.step <= 0.8 and mine.energy.max() < 1.01
     assert mine.energy[half:].max() < 1.0001 * mine.energy[:half].max()
-    assert len(extrinsic) == 6 and len(rows) == 2 * len(in_time.DIVISIONS)
-    for row in rows:
-        share = dict(zip(in_time.OF_STEPS[3:], map(float, row[3:]), strict=True))
-        assert min(share[name] for name in in_time.OF_STEPS[5:]) >= 0.9, row
-        assert share["debonding"] >= share["tied"], row
+    assert len(extrinsic) == 6
 
 
 def judged(outcome) -> None:
@@ -228,13 +225,15 @@ def test_interfaces(number):
 
 @long
 @out_of_proportion
-@pytest.mark.parametrize("number", [249, 301])
-def test_crushed_cells_and_new_facets(number):
+@pytest.mark.parametrize(
+    ("family", "number"), [(families.inclined, 249), (families.crack_tip, 301)]
+)
+def test_crushed_cells_and_new_facets(family, number):
     """Crushed cells whose interface held less than the body; facets that open in the first stage.
 
     With less tau_s, or with C of another one in the first tangent of a step, they stop.
     """
-    judged(runner.stress(number))
+    judged(runner.stress(number, draw=lambda n: family(np.random.default_rng(n))))
 
 
 @long

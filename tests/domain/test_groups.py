@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import gmsh
 import numpy as np
 import pytest
 from dolfinx.mesh import CellType, GhostMode, create_rectangle
 
 import vmdg
 from vmdg import meshes
-from vmdg.meshes import distribute, fibre_matrix, model, read_mesh, write_mesh
+from vmdg.meshes import distribute, fibre_matrix, model
 
 STEEL = vmdg.NeoHookean(E=5000.0, nu=0.25)
 SOFT = vmdg.NeoHookean(E=1000.0, nu=0.3)
@@ -117,35 +114,6 @@ def test_split_one_group(comm, cell):
         vmdg.split_cells(cell.mesh, radius, "fibre", cell.cell_tags)
     with pytest.raises(ValueError, match="negative at no cell midpoint"):
         vmdg.split_cells(cell.mesh, radius, "core", cell.cell_tags, "matrix")
-
-
-@pytest.mark.parametrize("kind", ["msh", "xdmf"])
-def test_names_in_files(comm, out, cell, kind):
-    """Names of cells and facets survive a file of gmsh and one of XDMF."""
-    path = Path(out) / f"cell.{kind}"
-    if kind == "xdmf":
-        write_mesh(cell, path)
-    elif comm.rank == 0:
-        with model("cell") as gmsh_model:
-            occ = gmsh_model.occ
-            box, disc = occ.addRectangle(0, 0, 0, 1, 1), occ.addDisk(0.5, 0.5, 0, 0.25, 0.25)
-            _, (made, _) = occ.fragment([(2, box)], [(2, disc)])
-            occ.synchronize()
-            matrix = [tag for _, tag in made if tag != disc]
-            around = gmsh_model.getBoundary([(2, disc)], oriented=False)
-            gmsh_model.addPhysicalGroup(2, [disc], 1, "fibre")
-            gmsh_model.addPhysicalGroup(2, matrix, 2, "matrix")
-            gmsh_model.addPhysicalGroup(1, [tag for _, tag in around], 3, "interface")
-            gmsh_model.mesh.generate(2)
-            gmsh.write(str(path))
-    comm.barrier()
-    read = read_mesh(path, comm)
-    assert read.cell_tags.names == {"fibre": 1, "matrix": 2}
-    assert read.facet_tags.names["interface"] == 3
-    problem = make(read, {"fibre": STEEL, "matrix": SOFT}, between=("fibre", "matrix"))
-    facets = comm.allreduce(len(problem.step.activation.facets[0].facets))
-    assert facets > 5
-    assert comm.allreduce(len(read.facet_tags.find("interface"))) >= facets
 
 
 def test_mesh_without_groups_of_facets(comm):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from itertools import pairwise
 
 from mpi4py import MPI
 
@@ -114,51 +113,6 @@ def test_spall(comm, scheme):
     assert np.abs(history["imbalance"]).max() < 1e-3 * speed**2 / 3
 
 
-@pytest.mark.long
-def test_friction(comm):
-    """A block on a spring that rubs on a wall: eleven peaks fall by twice mu N/k to 1e-3 of the
-    first, then it sticks."""
-    E, N, mu, k, speed = 1e5, 10.0, 1e-3, 1.0, 0.215
-    scene = two_blocks(comm, "quadrilateral", 1)
-    x = scene.mesh.geometry.x
-    x[:, 0] = np.minimum(x[:, 0], 1 + 0.01 * (x[:, 0] - 1))
-    law = vmdg.Contact(friction=mu)
-    problem = of_two(
-        scene,
-        law,
-        (vmdg.NeoHookean(E=E, nu=0.0), vmdg.Rigid()),
-        {"frame": "reference"},
-        kinematics="small",
-        density={1: 1.0},
-    )
-    left = scene.facet_tags.find(LEFT)
-    problem.dirichlet(left, lambda t: N / E * min(t, 1.0), "x")
-    problem.spring(left, (0.0, k))
-    vmdg.solve(problem, [1.0])
-
-    owned = problem.discretization.owned // 2
-    free = problem.space.tabulate_dof_coordinates()[:owned, 0] < 0.5
-
-    def height(problem):
-        y = problem.u.x.array.reshape(-1, 2)[:owned, 1]
-        total, count = comm.allreduce(np.array([y[free].sum(), free.sum()]))
-        return {"y": total / count}
-
-    loss = mu * N / k
-    peaks = [np.hypot(loss, speed) - loss]
-    while peaks[-1] > loss:
-        peaks.append(peaks[-1] - 2 * loss)
-    times = 1 + np.linspace(0.0, np.pi * (len(peaks) + 0.5), 2001)[1:]
-    start = lambda x: np.array([0 * x[0], speed * (x[0] < 1 + 1e-9)])  # noqa: E731
-    history = vmdg.solve_dynamics(problem, times, velocity=start, monitor=height).history
-    y = np.abs(history["y"])
-    tops = 1 + np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] > y[2:]))
-    assert len(peaks) == 11
-    assert y[tops[: len(peaks)]] == pytest.approx(np.abs(peaks), abs=1e-3 * peaks[0])
-    # It sticks at the last one.
-    assert y[tops[len(peaks) - 1] :] == pytest.approx(abs(peaks[-1]), abs=1e-3 * peaks[0])
-
-
 @pytest.mark.parametrize("scheme", SCHEMES[1:], ids=str)
 def test_spin(comm, scheme):
     """Bonded blocks that turn freely, twice, at finite strain keep their momenta and energy."""
@@ -189,32 +143,6 @@ def test_spin(comm, scheme):
     assert np.abs(history["P"]).max() < 1e-9
     assert history["L"] == pytest.approx(np.full(400, history["L"][0]), rel=1e-3)
     assert np.abs(history["imbalance"]).max() < 2e-3 * history["kinetic"][0]
-
-
-@pytest.mark.filterwarnings("ignore:solve_dynamics. up to")  # long steps
-def test_moment_of_momentum(comm):
-    """Implicit steps at finite strain change it by h/4 sum(dx x dR), see GeneralizedAlpha."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    body, bond = vmdg.NeoHookean(E=100.0, nu=0.3), vmdg.Debonding(strength=50.0, critical_gap=0.1)
-    problem = of_two(scene, bond, (body,) * 2, density={1: 1.0, 2: 1.0})
-    owned, rows = problem.discretization.owned, []
-    X = problem.space.tabulate_dof_coordinates()[: owned // 2, :2] - [1.0, 0.5]
-
-    def keep(problem):
-        forces = problem.discretization.forces
-        v, u, R = (f.x.array[:owned].copy() for f in (problem.velocity, problem.u, forces))
-        P = problem.step.motion.of(v)
-        rows.append([array.reshape(-1, 2) for array in (X.ravel() + u, P, R)])
-        return {}
-
-    turning = lambda x: np.array([0.5 - x[1], 1.1 * (x[0] - 1)])  # noqa: E731
-    h = 0.03
-    vmdg.solve_dynamics(problem, h * np.arange(1, 9), SCHEMES[1], turning, keep, QUIET)
-    cross = lambda a, b: comm.allreduce((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())  # noqa: E731
-    for (x0, P0, R0), (x1, P1, R1) in pairwise(rows):
-        change, size = cross(x1, P1) - cross(x0, P0), abs(cross(x0, P0))
-        assert abs(change) > 1e-7 * size
-        assert change == pytest.approx(h / 4 * cross(x1 - x0, R1 - R0), abs=1e-8 * size)
 
 
 @EVERY_SCHEME

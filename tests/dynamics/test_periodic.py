@@ -105,49 +105,6 @@ def test_free_wave(comm, scheme, even):
     assert np.abs(history["imbalance"]).max() < 1e-3 * history["external"][0]
 
 
-def opening_rate(times, dt, strength, gap, rate):
-    """Traction of bonds at a distance L = 1 in a bar (E = rho = 1) that is stretched at a rate.
-
-    What opens at zeta_t sends waves of the stress -zeta_t/2 both ways, which pass all others:
-
-        T(t) = rate t - zeta_t(t)/2 - sum_n zeta_t(t - n),  n >= 1,
-
-    and T = strength (1 - zeta/gap) while the bond softens, 0 once it has failed.
-    """
-    back, count = round(1 / dt), round(times[-1] / dt)
-    zeta, T, speed = 0.0, *np.zeros((2, count + 1))
-    for k in range(count + 1):
-        arrived = speed[k - back :: -back].sum() if k >= back else 0.0
-        elastic = rate * k * dt - arrived
-        T[k] = min(elastic, strength * (1 - zeta / gap)) if zeta < gap else 0.0
-        speed[k] = 2 * (elastic - T[k])
-        zeta += dt * speed[k]
-    return np.interp(times, dt * np.arange(count + 1), T)
-
-
-@EVERY_SCHEME
-def test_bonds_that_fail_at_a_rate(comm, scheme):
-    """A bar with bonds at equal distances, stretched at a rate from rest: the traction is that of
-    the closed form, with waves from the neighbours, and the strain is even before a bond opens."""
-    strength, gap, rate = 1.0, 2.0, 1.0
-    law = vmdg.Debonding(strength=strength, critical_gap=gap)
-    bond = vmdg.Interface(lambda x: np.isclose(x[1], 0.5), law=law, name="bond")
-    drive = vmdg.Periodic(strain=lambda t: np.diag([0.0, rate * t]))
-    problem = cell(comm, 100, np.ones_like, [bond], drive, {1: (1.0, 1.0)})
-
-    def monitor(problem):
-        if problem.t < strength / rate:
-            assert np.ptp(problem.u.x.array[np.unique(problem.discretization.means.nodes)]) < 1e-9
-        return {"T": problem.mean("bond").traction[1]} | vmdg.PeriodicCell(problem).row()
-
-    times = np.linspace(0.0, 3.2, 321)[1:]
-    history = vmdg.solve_dynamics(problem, times, scheme, None, monitor, ENERGY).history
-    exact = opening_rate(times, 1e-4, strength, gap, rate)
-    assert 0 in exact and np.abs(history["T"] - exact).max() < 0.01 * strength
-    assert history["damage"][-1] == pytest.approx(2 / 100 * strength * gap / 2, rel=1e-9)
-    assert np.abs(history["imbalance"]).max() < 2e-3 * history["external"].max()
-
-
 def included(comm, periodic, shift=(0, 0), tiles=1, n=8):
     """Square inclusions that debond, in cells of n x n, shifted by numbers of cells, tiled."""
     ends = [[0.0, 0.0], [float(tiles), float(tiles)]]
@@ -208,45 +165,6 @@ def test_ranks(comm, scheme, drive):
     """Any number of ranks finds the same motion."""
     found = [curve(ranks, scheme, drive) for ranks in (comm, MPI.COMM_SELF)]
     assert found[0] == pytest.approx(found[1], rel=1e-9, abs=1e-9)
-
-
-@pytest.mark.parametrize(("scheme", "drive"), DRIVES, ids=["implicit", "explicit"])
-def test_resumed(comm, out, scheme, drive):
-    """A run that is resumed equals one that is not, to the last bit on one rank."""
-    times, found = np.linspace(0.0, 0.1, 21)[1:], []
-    for stops in ((20,), (10, 20)):
-        for stop in stops:
-            problem, folder = included(comm, drive), out / f"{len(stops)}"
-            history = vmdg.read_checkpoint(problem, folder)
-            options = vmdg.SolveOptions(energy=True, checkpoint=folder, checkpoint_every=10)
-            vmdg.solve_dynamics(problem, times[:stop], scheme, options=options, history=history)
-        means = vmdg.PeriodicCell(problem)
-        found.append([problem.u.x.array, problem.velocity.x.array, means.gradient, means.stress])
-        assert problem.debonded("bond") > 0.2
-    for one, other in zip(*found, strict=True):
-        if comm.size == 1:
-            assert np.array_equal(one, other)
-        assert one == pytest.approx(other, abs=1e-9)
-
-
-@pytest.mark.long
-def test_slow_loads_are_statics(comm):
-    """Under a mean stress that grows slowly the state is that of equilibrium, and the stress is the
-    given one at all times; statics that continues finds the same."""
-    drive = vmdg.Periodic(stress={"xx": lambda t: 4e-3 * t, "yy": lambda t: 1e-3 * t})
-    problem, other = (included(comm, drive) for _ in range(2))
-    row = lambda p: vmdg.PeriodicCell(p).row()  # noqa: E731
-    times = np.linspace(0.0, 500.0, 101)[1:]
-    history = vmdg.solve_dynamics(problem, times, monitor=row).history
-    assert history["stress_xx"] == pytest.approx(4e-3 * times, rel=1e-6)
-    vmdg.solve(other, [500.0])
-    expected = vmdg.PeriodicCell(other)
-    found = vmdg.PeriodicCell(problem)
-    assert found.gradient == pytest.approx(expected.gradient, abs=1e-6)
-    vmdg.solve(problem, [510.0])
-    vmdg.solve(other, [510.0])
-    assert found.gradient == pytest.approx(expected.gradient, abs=1e-9)
-    assert problem.u.x.array == pytest.approx(other.u.x.array, abs=1e-8)
 
 
 @EVERY_SCHEME

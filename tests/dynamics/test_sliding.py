@@ -135,42 +135,6 @@ def test_block_thrown_onto_a_floor(comm, scheme):
     assert np.abs(history["imbalance"]).max() < 1e-3 * lost
 
 
-@pytest.mark.long
-def test_in_space(comm):
-    """The same of a hexahedral block."""
-    fall, speed, history = thrown(
-        comm, vmdg.CentralDifferences(), cell="hexahedron", cells=(2, 2, 3), base=(9, 4, 1)
-    )
-    assert history["x"][-1] == pytest.approx(speed - MU * (fall + history["z"][-1]), rel=1e-6)
-    assert 0.8 * fall < history["z"][-1] < fall
-
-
-@pytest.mark.parametrize(
-    "scheme",
-    [vmdg.GeneralizedAlpha(), pytest.param(vmdg.CentralDifferences(), marks=pytest.mark.long)],
-    ids=str,
-)
-def test_breaks_loose_and_slides(comm, scheme):
-    """A glued block that is hit: energies are those of motion, bond and friction, and once loose it
-    is slowed down by friction, at other facets than those it was glued to."""
-    speed = 60.0
-    law = vmdg.Debonding(strength=5.0, critical_gap=0.05, friction=MU)
-    given = "quadrilateral", (5, 3), (14, 2), law
-    problem, velocity = on_base(comm, *given, press=lambda t: N, beta=3e-4)
-    vmdg.solve(problem, [1e-3])
-    # Short steps until the bond has failed.
-    times = 1e-3 + np.concatenate([np.linspace(0.0, 2e-3, 81), np.linspace(2e-3, 0.03, 57)[1:]])[1:]
-    along = velocity(speed * np.eye(2)[0])
-    history = vmdg.solve_dynamics(problem, times, scheme, along, watched, ENERGY).history
-    assert history["damage"][-1] == pytest.approx(5.0 * 0.05 / 2, rel=1e-6)
-    loose = (history["debonded"] == 1) & (times > 0.015)
-    assert loose.sum() > 20
-    slope = np.polyfit(times[loose], history["x"][loose], 1)[0]
-    assert slope == pytest.approx(-MU * N / (0.6 * RHO), rel=0.02)
-    assert history["sliding"].max() == 0.0
-    assert np.abs(history["imbalance"]).max() < 0.01 * history["kinetic"][0]
-
-
 def test_critical_step_of_tilted_blocks(comm):
     """A block in flight, a corner of it ahead of the floor, takes the steps of its own critical
     step in any direction of the axes, although K of pairs that move is not symmetric."""

@@ -82,3 +82,13 @@ def test_dashpots(comm, scheme):
     exact = -0.1 * V * np.exp(-0.1 / 2e-3 * times)
     # The body vibrates.
     assert history["F"] == pytest.approx(exact, abs=0.05 * 0.1 * V)
+
+
+@pytest.mark.parametrize("ends", [(1e-3, 2e-3), (0.7e-3, 2e-3)], ids=["row", "between"])
+def test_a_body_that_is_set_in_motion_at_once(comm, ends):
+    """All of it moves as given, from rest to a speed: the supports do the work m v^2/2."""
+    problem, _ = bar(comm, 1e4, 1e-3, 0.0)
+    problem.dirichlet_points(lambda x: x[0] > -1, lambda t: (20.0 * max(t - 1e-3, 0.0), 0.0))
+    history = vmdg.solve_dynamics(problem, ends, options=vmdg.SolveOptions(energy=True)).history
+    assert history["kinetic"][-1] == pytest.approx(history["external"][-1], rel=1e-9)
+    assert history["kinetic"][-1] > 0.1

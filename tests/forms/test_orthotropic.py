@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from dolfinx import fem
-from dolfinx.mesh import compute_midpoints
-from support.scenes import cell_count, everywhere, two_blocks, unit_box
+from support.scenes import everywhere, two_blocks, unit_box
 
 import vmdg
 
@@ -74,17 +72,6 @@ def test_homogeneous_strain(comm, cell, angle, kinematics):
     assert np.abs(stress - expected).max(initial=0) < 1e-9 * np.abs(expected).max()
 
 
-#: Columns 1, 2, 3 of the crystal: turned about x by 30, then about z by 50 degrees.
-TURN = np.array(
-    [
-        [math.cos(0.87), -math.sin(0.87) * 0.8, math.sin(0.87) * 0.6],
-        [math.sin(0.87), math.cos(0.87) * 0.8, -math.cos(0.87) * 0.6],
-        [0.0, 0.6, 0.8],
-    ]
-)
-COPPER = {"C11": 168.4e3, "C12": 121.4e3, "C44": 75.4e3}
-
-
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_cubic_crystal(comm, cell):
     """Stress under homogeneous strain, in 2D that in the plane: that of the turned tensor."""
@@ -113,6 +100,17 @@ def test_cubic_crystal(comm, cell):
         assert np.abs(stress - expected).max(initial=0) < 1e-9 * np.abs(expected).max()
 
 
+#: Columns 1, 2, 3 of the crystal: turned about x by 30, then about z by 50 degrees.
+TURN = np.array(
+    [
+        [math.cos(0.87), -math.sin(0.87) * 0.8, math.sin(0.87) * 0.6],
+        [math.sin(0.87), math.cos(0.87) * 0.8, -math.cos(0.87) * 0.6],
+        [0.0, 0.6, 0.8],
+    ]
+)
+COPPER = {"C11": 168.4e3, "C12": 121.4e3, "C44": 75.4e3}
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -129,36 +127,6 @@ def test_cubic_refused(given, message):
     """Constants that make no crystal."""
     with pytest.raises(ValueError, match=message):
         vmdg.Cubic(**given)
-
-
-def test_angle_that_varies(comm):
-    """+30 degrees on the left, -30 on the right, given in three ways: as two materials."""
-    angles = (30.0, -30.0)
-    scene = two_blocks(comm, "quadrilateral", 3)
-    mesh, cells = scene.mesh, scene.cell_tags
-
-    def field(x):
-        return np.where(x[0] < 1, *angles)
-
-    midpoints = compute_midpoints(mesh, 2, np.arange(cell_count(mesh), dtype=np.int32))
-    function = fem.Function(fem.functionspace(mesh, ("DG", 0)))
-    function.interpolate(field)
-
-    def solved(one: vmdg.Material, two: vmdg.Material) -> np.ndarray:
-        law = vmdg.Debonding(strength=60.0, critical_gap=0.05)
-        problem = vmdg.Problem(
-            mesh, cells, {1: one, 2: two}, [vmdg.Interface(between=(1, 2), law=law)], degree=2
-        )
-        problem.dirichlet(scene.facet_tags.find(1), 0.0)
-        problem.dirichlet(scene.facet_tags.find(2), lambda t: (0.02 * t, 0.01 * t))
-        vmdg.solve(problem, [0.25])
-        assert comm.allreduce(problem.state[0].softening.sum()) > 0
-        return problem.u.x.array.copy()
-
-    apart = solved(*(vmdg.Orthotropic(**PLY, angle=angle) for angle in angles))
-    for given in (field, function, field(midpoints.T)):
-        varying = vmdg.Orthotropic(**PLY, angle=given)
-        assert np.abs(solved(varying, varying) - apart).max(initial=0) < 1e-12
 
 
 MISTAKES = {

@@ -6,7 +6,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from parts.benchmark import intact
 from support import random_cells
 from support.checks import by_position, gather
 from support.problems import MATERIALS, joined
@@ -76,39 +75,6 @@ def test_interface_that_can_fail(cell, frame):
 # States in which A is not positive
 
 
-@EVERY_CELL
-def test_no_more_than_needed_where_the_derived_is_too_much(cell):
-    """Alike compressible cells require less than tau_s, and .8 of what they do is too little."""
-    draw = random_cells.Range(aspect=0.0, contrast=0.0, nu=(0.3, 0.3), strain=0, distortion=0)
-    configurations = random_cells.Configurations(cell, random_cells.pair(cell), 20, 1, draw, 2)
-    auto = configurations.problem(law=vmdg.Bonded())
-    assert USED * auto.stabilization[0].safety.mean() < 0.75
-    short = configurations.problem(**multiplied(auto, 0.8 * (USED)))
-    assert (configurations.lowest(short) < -random_cells.ROUNDING).all()
-
-
-@EVERY_CELL
-def test_compression(comm, cell):
-    """Compressed by half, A has no sign: factors stay finite, and change little at the threshold.
-
-    A slightly compressed state differs from a slightly stretched one by the sign of an eigenvalue
-    near 0 only. In a crushed one pressure asks for (1 + gamma) / (1 - gamma) = 7 times as much.
-    """
-    scene = two_blocks(comm, cell, distortion=0.05)
-    deform(scene.mesh, np.diag([0.1, 1.0, 1.0]))  # flat, so that factors are above 1
-    material = vmdg.NeoHookean(E=1000.0, nu=0.49)
-    problem = joined(scene, vmdg.Bonded(), (material, material))
-    factors = []
-    for stretch in (1.0, 1 - 1e-6, 1 + 1e-6, 0.5):
-        problem.u.interpolate(lambda x, s=stretch: (s - 1) * x[: DIMENSION[cell]])
-        problem.discretization.update_stabilization()
-        factors.append(gather(comm, problem.stabilization[0].safety))
-    whole, pressed, pulled, crushed = factors
-    assert pressed == pytest.approx(whole, rel=1e-3)
-    assert pulled == pytest.approx(whole, rel=1e-3)
-    assert ((USED * crushed >= 5.25) & (USED * crushed < 525)).all()
-
-
 # r and H
 
 
@@ -157,28 +123,3 @@ def test_factors_do_not_depend_on_ranks(comm, cell):
 
 
 # Accuracy: polynomials that solve Lame's equations on both sides of x = 1 without body force
-
-
-@pytest.mark.parametrize(
-    ("shape", "cell", "degree", "contrast"),
-    [
-        ("ring", "quadrilateral", 1, 0.1),
-        ("ring", "quadrilateral", 2, 10.0),
-        ("ring", "triangle", 2, 10.0),
-        ("Goodier", "quadrilateral", 2, 0.1),
-        ("straight", "quadrilateral", 2, 10.0),
-        ("straight", "quadrilateral", 3, 0.1),
-        ("shell", "hexahedron", 2, 10.0),
-        ("shell", "tetrahedron", 2, 10.0),
-    ],
-)
-def test_errors_are_those_of_continuous_elements(shape, cell, degree, contrast):
-    """Two cells across a body, where nearly all error is in the normal derivatives: within 4 %.
-
-    With a quarter of the bulk energy as margin GRAD u is up to 36 % worse; bonds of degree 1 have
-    it.
-    """
-    laws = [intact.TIE, intact.BOND] if degree > 1 else [intact.TIE]
-    for found in intact.measure(shape, cell, degree, 2, contrast, laws):
-        assert found.l2 < 0.04
-        assert found.h1 < 0.04

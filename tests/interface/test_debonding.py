@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
-from support.checks import gather
 from support.problems import joined
-from support.scenes import DIMENSION, EVERY_CELL
+from support.scenes import DIMENSION
 
 import vmdg
 from vmdg.interface.history import PointHistory, works
@@ -16,42 +14,11 @@ from vmdg.meshes import blocks
 E, NU = 5000.0, 0.25
 STRENGTH, CRITICAL_GAP = 100.0, 0.2
 LAW = vmdg.Debonding(strength=STRENGTH, critical_gap=CRITICAL_GAP)
-LOADS = 0.02 * np.arange(1, 21)
 SHARP = vmdg.SolveOptions(relative_tolerance=1e-12, control="load")
 LEFT, RIGHT, BOTTOM, BACK = 1, 2, 4, 6  # facet tags of meshes.blocks
 
 
 # The closed form
-
-
-def uniaxial_traction(stretch: float, plane_strain: bool) -> float:
-    """P11 of (86) under uniaxial stress; in plane strain the third stretch stays 1."""
-    mu = E / (2 * (1 + NU))
-    lmbda = NU * E / ((1 + NU) * (1 - 2 * NU))
-    power = 1 if plane_strain else 2
-
-    def lateral_traction(t):
-        J = stretch * t**power
-        return mu * (t - 1 / t) + lmbda * (J - 1) * J / t
-
-    t = brentq(lateral_traction, 0.5, 1.5, xtol=1e-15, rtol=1e-15)
-    J = stretch * t**power
-    return mu * (stretch - 1 / stretch) + lmbda * (J - 1) * J / stretch
-
-
-def closed_form(end: float, plane_strain: bool = False) -> tuple[float, float]:
-    """zeta and T for the displacement of the end: delta = 2 (s - 1) + zeta, P(s) = R(zeta)."""
-
-    def excess(zeta):
-        resistance = STRENGTH * max(1 - zeta / CRITICAL_GAP, 0.0)
-        return uniaxial_traction(1 + (end - zeta) / 2, plane_strain) - resistance
-
-    if excess(0.0) <= 0:
-        return 0.0, uniaxial_traction(1 + end / 2, plane_strain)
-    if excess(CRITICAL_GAP) >= 0:
-        return end, 0.0  # apart: both blocks at rest
-    zeta = brentq(excess, 0.0, CRITICAL_GAP, xtol=1e-15, rtol=1e-15)
-    return zeta, STRENGTH * (1 - zeta / CRITICAL_GAP)
 
 
 # The scene
@@ -69,42 +36,6 @@ def pulled(comm, cell: str, n: int = 1, law=LAW, **options):
     if DIMENSION[cell] == 3:
         problem.dirichlet(scene.facet_tags.find(BACK), 0.0, "z")
     return problem, right
-
-
-def watch(right):
-    """Monitor of the gap, the traction and the force at the right end."""
-
-    def monitor(problem):
-        state = problem.state[0]
-        gap, traction = gather(problem.comm, state.gap), gather(problem.comm, state.traction)
-        return {
-            "zeta": gap[:, 0].mean(),
-            "zeta_spread": np.ptp(gap[:, 0]),
-            "T": traction[:, 0].mean(),
-            "T_spread": np.abs(traction - traction.mean(axis=0)).max(),
-            "lateral": np.abs(np.hstack([gap[:, 1:], traction[:, 1:] / STRENGTH])).max(),
-            "force": problem.reaction(right)[0],
-        }
-
-    return monitor
-
-
-@EVERY_CELL
-def test_closed_form(comm, cell):
-    """zeta, T and the force at all 20 steps equal the closed form to 1e-9 (mm and MPa)."""
-    problem, right = pulled(comm, cell)
-    result = vmdg.solve(problem, LOADS, SHARP, watch(right))
-    history = result.history
-    exact = np.array([closed_form(load, DIMENSION[cell] == 2) for load in LOADS])
-    assert np.array_equal(history["load"], LOADS)
-    assert history["step"].tolist() == list(range(1, len(LOADS) + 1))
-    assert [len(norms) - 1 for norms in result.residuals] == history["iterations"].tolist()
-    assert np.abs(history["zeta"] - exact[:, 0]).max() < 1e-9
-    assert np.abs(history["T"] - exact[:, 1]).max() < 1e-9
-    assert np.abs(history["force"] - exact[:, 1]).max() < 1e-9  # on an area of 1
-    assert history["zeta_spread"].max() < 1e-9
-    assert history["T_spread"].max() < 1e-9
-    assert history["lateral"].max() < 1e-9
 
 
 # Failure and retreat

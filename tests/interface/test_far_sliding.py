@@ -192,40 +192,6 @@ def test_block_in_space(cell):
     assert history["iterations"].mean() <= 8
 
 
-@pytest.mark.parametrize(
-    "cell", [pytest.param("tetrahedron", marks=pytest.mark.long), "quadrilateral"]
-)
-def test_meshes_that_match(cell):
-    """Facets that lie on each other are pressed and begin to slide: in 3D slivers come and go, and
-    another division of their neighbours would be another sum."""
-    d = DIMENSION[cell]
-    low, top = np.zeros(d), np.ones(d)
-    down = np.append(np.zeros(d - 1), 1.0)
-    parts = [block(cell, d * (3,), low - tag * down, top - tag * down, tag + 1) for tag in (0, 1)]
-    scene = apart(parts)
-    problem = contact(scene, (SOFT, SOFT), vmdg.Contact(friction=MU))
-    problem.dirichlet(scene.facet_tags.find(21), 0.0)
-
-    def moved_by(t):
-        return np.append(0.1 * max(t - 1, 0), [*np.zeros(d - 2), -0.02 * min(t, 1)])
-
-    problem.dirichlet(scene.facet_tags.find(12), moved_by)
-    result = vmdg.solve(problem, [0.5, 1.0, 1.2, 1.4, 1.6], TIGHT)
-    assert not result.failures
-    assert result.history["iterations"].mean() <= 6
-
-
-def test_wedge():
-    """Up a slope of .115 with mu = .2 the forces are in the ratio tan(alpha + phi)."""
-    slope, mu = 0.115, 0.2
-    scene = body_and_base("quadrilateral", (5, 3), (28, 3), slope)
-    way, loads = (lambda s: s * np.array([1.0, slope])), [0.5, 1.0, 1.05, 1.2, 1.4, 1.6]
-    _, result = slide(scene, (SOFT, HARD), vmdg.Contact(friction=mu), way, loads)
-    ratio = -(result.history["Fx"] / result.history["Fy"])[result.history["load"] > 1.1]
-    expected = (slope + mu) / (1 - slope * mu)
-    assert np.abs(ratio - expected).max() < 1e-3 * expected
-
-
 def test_debonds_and_slides():
     """A bond breaks, from both ends, with pairs that stay; then its facets slide over others."""
     strength, gap = 15.0, 0.02
@@ -411,9 +377,6 @@ def test_what_points_carry_is_continuous(d):
 #: The diagonal of a cube upright.
 TIP = np.array([[1, -1, 0], [1, 1, -2], [1, 1, 1]]) / np.sqrt([[2], [6], [3]])
 
-#: Tag, cells and corners of a base and of a block on it.
-_DRAWN = [(1, (24, 3), ([0.0, -1.0], [4.0, 0.0])), (2, (10, 3), ([0.5, 0.0], [1.5, 0.6]))]
-
 
 def all_sides(scene, tag):
     return np.concatenate([scene.facet_tags.find(10 * tag + k) for k in range(3)])
@@ -473,36 +436,6 @@ def test_corner_touches_where_it_is(cell, turn, first, degree):
     N = result.history["N"]
     assert abs(N[0]) < 1e-9
     assert 0 < N[1] < 0.1 * N[2]
-
-
-@pytest.mark.parametrize("first", [1, pytest.param(2, marks=pytest.mark.long)])
-def test_friction_does_not_depend_on_side_1(first):
-    """A block with sharp edges drawn over a base, both soft: T/N is mu within .2 %, the friction is
-    the work done within .5 % (the rest is of the steps), and moments balance."""
-    scene = apart([block("quadrilateral", n, *box, tag) for tag, n, box in _DRAWN])
-    find = scene.facet_tags.find
-    sides = all_sides(scene, 1), all_sides(scene, 2)
-    interface = vmdg.Interface(
-        surfaces=sides if first == 1 else sides[::-1], law=vmdg.Contact(MU), sliding=True
-    )
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, {1: SOFT, 2: SOFT}, [interface])
-    problem.dirichlet(find(11), 0.0)
-    problem.dirichlet(find(22), lambda t: (max(t - 1, 0.0), -0.02 * min(t, 1.0)))
-
-    def monitor(problem):
-        T, N = problem.reaction(find(22))
-        return {"T": T, "N": -N, "moment": moment(problem)}
-
-    loads = np.append(1.0, np.linspace(1.0, 1.8, 9)[1:])
-    result = vmdg.solve(problem, loads, vmdg.SolveOptions(energy=True), monitor)
-    table = result.history
-    late = np.flatnonzero(table["load"] > 1.35)
-    T, N = table["T"][late], table["N"][late]
-    assert not result.failures
-    assert np.mean(T / N) == pytest.approx(MU, rel=2e-3)
-    work = np.trapezoid(T, table["load"][late])
-    assert np.ptp(table["friction"][late]) == pytest.approx(work, rel=5e-3)
-    assert table["moment"].max() < 1e-9 * N.mean()
 
 
 def test_side_1_is_chosen():
@@ -575,28 +508,6 @@ def test_checkpoint(comm, cell, tmp_path_factory):
             # On as many ranks matrices have the same pattern, and forces the same last bit.
             assert ranks != comm.size or not found[:d].any()
             assert (found <= 1e-7 * np.abs(expected).max(axis=0) + 1e-12).all()
-
-
-@pytest.mark.parametrize(
-    ("kinematics", "sliding", "off"),
-    [("small", False, 1e-11), ("small", True, 1e-11), ("finite", True, 1e-3)],
-)
-def test_a_gap_that_closes_in_one_step(kinematics, sliding, off):
-    """No traction works on the way: what is stored is the work of the support."""
-    gap = 0.02
-    parts = [
-        block("quadrilateral", cells, (0.0, y), (1.0, y + 1), tag)
-        for tag, cells, y in ((1, (3, 2), -1.0), (2, (4, 2), gap))
-    ]
-    scene, body = apart(parts), vmdg.NeoHookean(E=1000.0, nu=0.0)
-    law, bodies = vmdg.Contact(MU), dict.fromkeys((1, 2), body)
-    interface = vmdg.Interface(between=(1, 2), law=law, sliding=sliding, gap="keep")
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], kinematics=kinematics)
-    problem.dirichlet(lambda x: np.isclose(x[1], -1.0), 0.0)
-    problem.dirichlet(lambda x: np.isclose(x[1], 1 + gap), lambda t: (0.0, -0.027 * t))
-    vmdg.solve(problem, [1.0], TIGHT)
-    energy = problem.energy()
-    assert abs(energy.imbalance) < off * energy.external
 
 
 # Initial gaps and interference
@@ -748,41 +659,6 @@ def test_disc_in_a_hole():
 
 
 # Small strain
-
-
-@pytest.mark.parametrize(
-    ("cell", "unit"), [("triangle", 1e-9), ("triangle", 1e6), ("hexahedron", 1.0)]
-)
-def test_drawn_at_small_strain(comm, cell, unit):
-    """A block without Poisson's effect on a rigid base, pressed and drawn, in any unit of length:
-    N = E A e, as far as it slides; F = mu N."""
-    d = DIMENSION[cell]
-    cells, base = ((5, 4), (28, 2)) if d == 2 else ((2, 2, 2), (8, 4, 1))
-    scene = body_and_base(cell, cells, base, comm=comm)
-    scene.mesh.geometry.x[:] *= unit
-    find, E, press = scene.facet_tags.find, 1000.0, 0.002
-    interface = vmdg.Interface(between=(1, 2), law=vmdg.Contact(friction=MU), sliding=True)
-    bodies = {1: vmdg.NeoHookean(E=E, nu=0.0), 2: vmdg.Rigid(np.zeros(d))}
-    options = {"kinematics": "small"} | ({"thickness": unit} if d == 2 else {})
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [interface], **options)
-    assert "(side 1: 2)" in repr(problem)
-
-    def move(t):
-        return unit * np.array([0.004 * max(t - 1, 0.0), *[0.0] * (d - 2), -press * min(t, 1.0)])
-
-    problem.dirichlet(find(12), move)
-    result = vmdg.solve(
-        problem,
-        [0.5, 1.0, 1.5, 2.0, 2.5],
-        TIGHT,
-        lambda problem: dict(zip("FN", problem.reaction(find(12))[[0, -1]], strict=True)),
-    )
-    F, N = result.history["F"][2:], -result.history["N"]
-    expected = E * press / 0.6 * unit**2
-    assert not result.failures
-    assert N[1] == pytest.approx(expected, rel=1e-9)
-    assert N[2:] == pytest.approx(expected, rel=5e-3)
-    assert F == pytest.approx(MU * N[2:], rel=1e-6)
 
 
 def test_pairs_stay_at_small_strain():

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from support.checks import assert_residual_is_energy_derivative, gather, tangent_error
-from support.problems import MATERIALS, couple, joined, put, set_displacement, through
+from support.problems import MATERIALS, couple, put, set_displacement, through
 from support.scenes import DIMENSION, two_blocks
 
 import vmdg
@@ -15,54 +14,9 @@ from vmdg.output.values import facet_scalar
 
 BOTH_FORMS = pytest.mark.parametrize("jump", [False, True], ids=["(27)", "(26)"])
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2)
-PRECISE = vmdg.SolveOptions(relative_tolerance=1e-12)
-
-
-def confined_stress(stretch, material):
-    """P of (86) with rigid sides: mu (s - 1/s) + lambda (s - 1)."""
-    mu, lmbda = material.parameters["mu"], material.parameters["lmbda"]
-    return mu * (stretch - 1 / stretch) + lmbda * (stretch - 1)
-
-
-def confine(problem, scene):
-    """Hold the left end, and all sides on rollers."""
-    problem.dirichlet(scene.facet_tags.find(1), 0.0, "x")
-    for tags, component in (((4, 5), "y"), ((6, 7), "z"))[: scene.mesh.geometry.dim - 1]:
-        for tag in tags:
-            problem.dirichlet(scene.facet_tags.find(tag), 0.0, component)
 
 
 # Patch tests
-
-
-@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
-def test_bonded_patch(comm, cell):
-    """A uniform traction passes a tie exactly with (26) too; nothing is left for (24).
-
-    The tolerance is the solver's (1e-12 of the load) times the condition of 1e3 materials.
-    """
-    materials = (vmdg.NeoHookean(E=5000.0, nu=0.25), vmdg.NeoHookean(E=5e6, nu=0.25))
-    scene = blocks(comm, cell, (2, 2, 1))
-    problem = joined(scene, vmdg.Bonded(), materials, {"traction_jump": True})
-    confine(problem, scene)
-    d = DIMENSION[cell]
-    P = np.zeros(d)
-    P[0] = 80.0
-    problem.traction(scene.facet_tags.find(2), lambda t: t * P)
-    vmdg.solve(problem, [0.5, 1.0], PRECISE)
-    state = problem.state[0]
-    stretch = [
-        brentq(lambda s, m=m: confined_stress(s, m) - 80.0, 1.0, 1.2, xtol=1e-15) for m in materials
-    ]
-    x = problem.space.tabulate_dof_coordinates()[:, 0]
-    u = problem.u.x.array.reshape(-1, d)
-    exact = np.where(x < 1, (stretch[0] - 1) * x, stretch[0] - 1 + (stretch[1] - 1) * (x - 1))
-    assert np.abs(u[:, 0] - exact).max(initial=0) < 1e-10
-    assert np.abs(u[:, 1:]).max(initial=0) < 1e-10
-    assert np.abs(state.traction - P).max(initial=0) < 1e-7 * 80.0
-    assert np.abs(state.opening).max(initial=0) < 1e-10
-    assert np.abs(problem.fine_scale(0)).max(initial=0) < 1e-10
-    assert facet_scalar(problem, 0, "fine_scale").max(initial=0) < 1e-10
 
 
 # Consistency

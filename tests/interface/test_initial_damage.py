@@ -7,17 +7,13 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from dolfinx.mesh import (
-    CellType,
     compute_midpoints,
-    create_rectangle,
     locate_entities,
-    meshtags,
 )
 from support.checks import by_position
 from support.scenes import box
 
 import vmdg
-from vmdg.checks.model import check_model
 
 LENGTH, CRACK, STRENGTH, FRICTION = 8.0, 3.0, 5.0, 0.4
 #: Opened, then pressed together and sheared: (opening, shift) of the upper arm's left end [mm].
@@ -119,25 +115,6 @@ def test_number_array_and_function_say_the_same(comm):
         np.testing.assert_allclose(softening, STRENGTH * expected(points.T), rtol=1e-12)
 
 
-def test_facets_that_open_on_demand_are_open_where_damaged(comm):
-    """And the curve is that of all facets open, as near as facets that are closed allow."""
-
-    def problem(activate):
-        bond = vmdg.Interface(
-            between=(1, 2), law=law(), initial_damage=cracked, activate=activate, safety=4.0
-        )
-        return beams(comm, [bond])
-
-    demanded, everything = problem("on-demand"), problem("all")
-    state = demanded.state[0]
-    (points,) = by_position(comm, state.points)
-    assert len(points) == 2 * 6
-    assert (points[:, 0] < CRACK).all()
-    one, two = (run(p, [0.5, 1.0, 2.0]) for p in (demanded, everything))
-    assert one["y"][-1] == pytest.approx(two["y"][-1], rel=0.02)
-    assert comm.allreduce(len(demanded.state[0].points)) > 12
-
-
 def test_body_that_only_a_crack_holds_is_warned_of(comm):
     mesh, tags = rectangle(comm)
     material = vmdg.NeoHookean(E=1e3, nu=0.3)
@@ -149,32 +126,6 @@ def test_body_that_only_a_crack_holds_is_warned_of(comm):
     words = "only contact constrains the body"
     with pytest.warns(vmdg.ModelWarning, match=words) if comm.rank == 0 else nullcontext():
         vmdg.solve(problem, [1.0])
-
-
-def test_cell_between_facets_of_a_crack_is_warned_of(comm):
-    """It hangs on nothing, although its group is bonded elsewhere: a precrack that cuts cells."""
-    corners = [np.zeros(2), np.array([3.0, 2.0])]
-    mesh = create_rectangle(comm, corners, (3, 2), CellType.quadrilateral)
-    map_ = mesh.topology.index_map(2)
-    cells = np.arange(map_.size_local + map_.num_ghosts, dtype=np.int32)
-    x, y, _ = compute_midpoints(mesh, 2, cells).T
-    tags = np.where(y > 1.0, np.where(np.isclose(x, 1.5), 3, 2), 1).astype(np.int32)
-    material = vmdg.NeoHookean(E=1e3, nu=0.3)
-    bonds = [
-        vmdg.Interface(between=pair, law=law(), initial_damage=damage)
-        for pair, damage in (
-            ((1, 2), lambda x: np.where(x[0] < 1.5, 1.0, 0.0)),
-            ((2, 3), 1.0),
-            ((1, 3), 0.0),
-        )
-    ]
-    bodies = dict.fromkeys((1, 2, 3), material)
-    tagged = meshtags(mesh, 2, cells, tags)
-    problem = vmdg.Problem(mesh, tagged, bodies, bonds, kinematics="small")
-    problem.dirichlet(lambda x: np.isclose(x[1], 0.0), lambda t: (0.01 * t, 0.0))
-    words = "only contact constrains the body of tag 2 .* if the mesh does not follow a precrack"
-    with pytest.warns(vmdg.ModelWarning, match=words) if comm.rank == 0 else nullcontext():
-        check_model(problem, np.array([1.0]), False)
 
 
 @pytest.mark.parametrize(

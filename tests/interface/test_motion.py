@@ -139,31 +139,6 @@ def test_tangent_in_every_mode(comm, cell, branch):
 # Rates
 
 
-@pytest.mark.parametrize("viscosity", [0.0, 50.0])
-def test_overstress_ends_with_the_bond_of_a_bar(comm, viscosity):
-    """T = R + eta dgamma R_n/P_c, R_n of the start of the step; blocks 2.9 mm apart are free."""
-    law = vmdg.Debonding(strength=100.0, critical_gap=0.2, viscosity=viscosity)
-    problem, scene = driven(comm, "quadrilateral", law, lambda t: ((t, 0.0), 0.0))
-    step = 0.005
-    loads = [*np.arange(1, 60) * step, 2.9]
-    history = vmdg.solve(problem, loads, monitor=normal_values).history
-    T, gap = history["traction"], history["gap"]
-    opens = (gap > 0) & (history["load"] < 1)
-    rate = np.diff(gap, prepend=0)[opens] / step
-    left = np.maximum(100.0 - 500.0 * np.append(0.0, gap), 0.0)
-    start, end = left[:-1][opens], left[1:][opens]
-    assert T[opens] == pytest.approx(end + viscosity * rate * start / 100.0, rel=1e-6, abs=1e-6)
-    assert np.diff(T).min() > -10.0
-    assert T[-1] == 0
-    assert np.abs(problem.reaction(scene.facet_tags.find(1))).max() < 1e-9 * law.strength
-    assert problem.energy().damage == pytest.approx(10.0, rel=1e-9)
-
-
-def normal_values(problem: vmdg.Problem) -> dict[str, float]:
-    values = problem.mean(0)
-    return {"traction": values.traction[0], "gap": values.gap[0]}
-
-
 def test_drag_slows_the_bonded_points_of_a_step(comm):
     """T = T_law + k dzeta and dzeta = C dT_tr where a bond is left; parted points are free."""
     problem, _ = driven(comm, "quadrilateral", LAW, lambda t: ((0.0, 0.0), 0.0), n=8)

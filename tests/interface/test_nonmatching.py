@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
@@ -14,7 +13,7 @@ from dolfinx import fem
 from dolfinx.graph import partitioner
 from dolfinx.mesh import compute_midpoints, create_mesh, exterior_facet_indices, meshtags
 from support.apart import block, moved, rings, separated, stack
-from support.checks import integral, tangent_error, tangent_matrix
+from support.checks import tangent_error, tangent_matrix
 from support.problems import (
     FRICTION,
     PRECISE,
@@ -39,7 +38,6 @@ RATIOS = [(3, 4), (7, 5), (4, 13), (2, 20)]
 BOTH = "small", "finite"
 #: Radii of two rings [mm], and their bodies.
 RADII = (0.5, 1.0, 2.0)
-RING = vmdg.NeoHookean(E=1000.0, nu=0.3), vmdg.NeoHookean(E=1e5, nu=0.2)
 STRAIN = np.array([[0.3, 0.2, 0.05], [0.05, -0.12, -0.1], [0.1, 0.0, 0.08]])
 
 
@@ -261,76 +259,6 @@ def assert_keeps(problem, alpha):
 
 
 # Rates
-
-
-def ring_errors(cell, cells, order, kinematics="small"):
-    """Relative errors of u, GRAD u and T of a soft ring in a hard one, by the closed form."""
-    scene = rings(cell, cells, RADII, order)
-    find = scene.facet_tags.find
-    lame = [(m["lmbda"], m["mu"]) for m in (body.parameters for body in RING)]
-    # u_r = a r + b / r: zero inside, .01 outside, u_r and the radial stress continuous.
-    inner, middle, outer = RADII
-    stress = [np.array([2 * (lmbda + mu), -2 * mu / middle**2]) for lmbda, mu in lame]
-    rows = [
-        [inner, 1 / inner, 0, 0],
-        [0, 0, outer, 1 / outer],
-        [middle, 1 / middle, -middle, -1 / middle],
-        [*stress[0], *-stress[1]],
-    ]
-    a = np.linalg.solve(rows, [0.0, 0.01, 0.0, 0.0]).reshape(2, 2)
-    interface = vmdg.Interface(surfaces=(find(12), find(21)), law=vmdg.Bonded())
-    bodies = dict(enumerate(RING, start=1))
-    problem = vmdg.Problem(
-        scene.mesh, scene.cell_tags, bodies, [interface], degree=order, kinematics=kinematics
-    )
-
-    def exact(x, k):
-        x = np.round(x, 12)
-        return (a[k, 0] + a[k, 1] / (x[0] ** 2 + x[1] ** 2)) * x[:2]
-
-    problem.dirichlet(find(11), lambda x, t: t * exact(x, 0))
-    problem.dirichlet(find(22), lambda x, t: t * exact(x, 1))
-    for k, axis in enumerate("xy"):
-        inside = partial(on_plane, k=k)
-        problem.dirichlet(inside, 0.0, axis)
-    vmdg.solve(problem, [1.0], PRECISE)
-    X, sums = ufl.SpatialCoordinate(scene.mesh), np.zeros(4)
-    for k in range(2):
-        dx = ufl.Measure(
-            "dx",
-            scene.mesh,
-            subdomain_data=[(0, np.sort(scene.cell_tags.find(k + 1)))],
-            subdomain_id=0,
-            metadata={"quadrature_degree": 8},
-        )
-        u = (a[k, 0] + a[k, 1] / ufl.dot(X, X)) * X
-        squares = [ufl.inner(f, f) * dx for w in (problem.u - u, u) for f in (w, ufl.grad(w))]
-        sums += [integral(MPI.COMM_SELF, square) for square in squares]
-    state = problem.state[0]
-    away = state.points[:, :2] / np.linalg.norm(state.points[:, :2], axis=1)[:, None]
-    expected = stress[0] @ a[0]
-    traction = ((state.traction - expected * away) ** 2).sum(axis=1) @ state.weights
-    errors = np.sqrt(sums[:2] / sums[2:])
-    return np.array([*errors, np.sqrt(traction / state.weights.sum()) / abs(expected)])
-
-
-def on_plane(x, k):
-    return np.isclose(x[k], 0.0)
-
-
-@pytest.mark.parametrize(("cell", "degree"), [("triangle", 2), ("quadrilateral", 1)])
-def test_rates(cell, degree):
-    """Rings with 2:3 cells around, the cells of degree 2 curved: rates and errors of those that
-    match."""
-    coarse, fine = (16, 24), (32, 48)
-    for swap in (1, -1):
-        first, second = (ring_errors(cell, cells[::swap], degree) for cells in (coarse, fine))
-        rates = np.log2(first / second)
-        assert (
-            rates > np.array([degree + 1, degree, degree - 0.5 if degree == 1 else degree]) - 0.15
-        ).all()
-        # Of meshes that match, with the fewer cells of both.
-        assert (second < 1.5 * ring_errors(cell, (min(fine),) * 2, degree)).all()
 
 
 # Runs

@@ -14,11 +14,7 @@ from support.scenes import (
     EVERY_CELL,
     deform,
     distort,
-    everywhere,
-    interior_facets,
-    tag_cells,
     two_blocks,
-    unit_box,
 )
 
 import vmdg
@@ -264,36 +260,6 @@ def test_user_stabilization_of_wrong_shape(name):
     scene = two_blocks(MPI.COMM_SELF, "triangle", n=2)
     with pytest.raises(ValueError, match=message):
         joined(scene, vmdg.Bonded(), interface={"stabilization": lambda tau1, tau2, _: build(tau1)})
-
-
-@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
-def test_many_interface_facets_of_one_cell(comm, cell):
-    """A facet has the same derived tau_s whether or not its cells have other interface facets."""
-
-    def build(mesh, **where):
-        tags = tag_cells(mesh, {1: everywhere})
-        interface = vmdg.Interface(**where, law=vmdg.Bonded(), safety=1.0)
-        return vmdg.Problem(mesh, tags, {1: MATERIALS[0]}, [interface])
-
-    def make_mesh(where):
-        mesh = unit_box(where, cell, 2)
-        distort(mesh, 0.05)
-        return mesh
-
-    build(make_mesh(comm), within=1)  # compiles on one rank before every rank works alone
-    mesh = make_mesh(MPI.COMM_SELF)
-    together = build(mesh, within=1)
-    facets = together.discretization.active[0].facets.facets
-    assert np.array_equal(facets, interior_facets(mesh))
-    counts = np.unique(together.discretization.active[0].facets.cells, return_counts=True)[1]
-    assert counts.max() == DIMENSION[cell] + (cell in ("triangle", "tetrahedron"))
-    every = slice(None) if len(facets) < 20 else slice(None, None, 7)
-    for number in np.arange(len(facets))[every]:
-        alone = build(mesh, facets=facets[[number]]).stabilization[0]
-        expected = together.stabilization[0]
-        scale = expected.norm[number]
-        assert np.abs(alone.tau[0] - expected.tau[number]).max() < ROUNDING * scale
-        assert np.abs(alone.delta[0] - expected.delta[number]).max() < ROUNDING
 
 
 def test_compliance_follows_the_penalty(comm):

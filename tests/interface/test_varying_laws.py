@@ -9,7 +9,7 @@ import pytest
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints, locate_entities
 from scipy import stats
-from support.checks import by_position, gather
+from support.checks import by_position
 from support.scenes import SEVERAL_RANKS, two_blocks
 
 import vmdg
@@ -109,22 +109,6 @@ def test_equals_groups(comm, law, kinematics):
         assert problem.debonded() == pytest.approx(groups.debonded(), abs=1e-14)
     lost = groups.state[0].softening.max(initial=0.0) / WEAK
     assert comm.allreduce(lost, MPI.MAX) > 0.99
-
-
-def test_on_demand(comm):
-    """Facets open where their own strength asks for it, and take it with them."""
-    scene = two_blocks(comm, "quadrilateral", 4)
-    law = bond(lambda x: np.where(x[1] < 0.5, 5.0, 100.0))
-    problem = pulled(scene, [vmdg.Interface(between=(1, 2), law=law, activate="on-demand")])
-    run(problem, [0.1])
-    points = gather(comm, problem.state[0].points)
-    assert len(points) == 2 * 2
-    assert (points[:, 1] < 0.5).all()
-    run(problem, LOADS)
-    assert len(gather(comm, problem.state[0].points)) == 2 * 4
-    active = problem.discretization.active[0]
-    expected = np.where(active.quadrature.points[:, 1] < 0.5, 5.0, 100.0)
-    np.testing.assert_array_equal(active.law.strength, expected)
 
 
 def scattered(seed: int = 3) -> vmdg.Law:

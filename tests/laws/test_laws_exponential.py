@@ -28,22 +28,6 @@ def pull(law, openings, direction, ratio=3.0):
 # --- rigid ----------------------------------------------------------------------------------------
 
 
-@SETTINGS
-@given(st.floats(1.0, 1e6), st.sampled_from([1.0001, 1.1, 3.0, 1e4, 1e8]), st.floats(0.0, 0.999))
-def test_rigid_step_solves_its_equation(load, ratio, worn):
-    law = ExponentialDebonding(STRENGTH, ENERGY)
-    r = ratio * law.softening_modulus
-    resistance = STRENGTH * (1.0 - worn)
-    s = load * resistance
-    state = (np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.full(1, STRENGTH - resistance), r)
-    update = law.return_map(np.array([[s, 0.0]]), *state)
-    x = update.multiplier[0]
-    # R_n = P_c - Q is known to round-off of P_c
-    decayed = resistance * math.exp(-x * STRENGTH / ENERGY)
-    assert abs(s - r * x - decayed) <= 1e-14 * s + 4e-16 * STRENGTH
-    assert update.traction[0, 0] == pytest.approx(decayed, rel=1e-12, abs=1e-300)
-
-
 @pytest.mark.parametrize("steps", [1, 7, 200])
 def test_rigid_curve_does_not_depend_on_steps_and_spends_the_energy(steps):
     law = ExponentialDebonding(STRENGTH, ENERGY)
@@ -59,22 +43,6 @@ def test_rigid_curve_does_not_depend_on_steps_and_spends_the_energy(steps):
     assert total(far) == pytest.approx(ENERGY, rel=1e-12)
     assert far[0].mode[0] == Mode.OPEN
     assert far[0].softening[0] == STRENGTH
-
-
-def test_rigid_friction_takes_over_where_the_bond_has_fallen_to_it():
-    """Slip under a cap c: bond G (1 - R/P), friction c (x - x*) less the bond after x*."""
-    law = ExponentialDebonding(STRENGTH, ENERGY, friction=0.5)
-    r, cap = 4.0 * law.softening_modulus, 20.0
-    slip = 0.05
-    trial = np.array([[-cap / 0.5, cap + r * slip]])
-    update = law.return_map(trial, np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.zeros(1), r)
-    scale = ENERGY / STRENGTH
-    left, hand_over = STRENGTH * math.exp(-slip / scale), scale * math.log(STRENGTH / cap)
-    assert update.mode[0] == Mode.FRICTION
-    assert update.multiplier[0] == pytest.approx(slip, rel=1e-13)
-    assert update.damage_work[0] == pytest.approx((STRENGTH - left) * scale, rel=1e-13)
-    friction = cap * (slip - hand_over) - (cap - left) * scale
-    assert update.friction_work[0] == pytest.approx(friction, rel=1e-12)
 
 
 # --- intrinsic ------------------------------------------------------------------------------------
@@ -109,11 +77,3 @@ def test_intrinsic_follows_the_tour_through_loading_and_unloading(path, ratio):
         np.testing.assert_allclose(update.traction, [[t_n, t_t]], atol=tol * STRENGTH * ratio)
         assert update.softening[0] == pytest.approx(STRENGTH * damage, abs=tol * STRENGTH)
         gap, softening = update.gap, update.softening
-
-
-@pytest.mark.parametrize(("direction", "energy"), [((1.0, 0.0), ENERGY), ((0.0, 1.0), ENERGY / 4)])
-@pytest.mark.parametrize("steps", [1, 5, 100])
-def test_intrinsic_energy(direction, energy, steps):
-    law = IntrinsicExponential(STRENGTH, ENERGY)
-    updates = pull(law, np.linspace(0.0, 60.0 * DELTA_0, steps + 1)[1:], direction)
-    assert total(updates) == pytest.approx(energy, rel=1e-12)

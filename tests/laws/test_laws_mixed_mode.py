@@ -4,14 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from support import laws_scalar as oracle
 from support.points import follow, total
 
-from vmdg.laws import Debonding, MixedModeDebonding
-
-SETTINGS = settings(max_examples=50, deadline=None, derandomize=True)
+from vmdg.laws import MixedModeDebonding
 
 P_N, P_S, G_N, G_S = 40.0, 60.0, 0.3, 1.1
 LAW = MixedModeDebonding(P_N, P_S, G_N, G_S)
@@ -32,15 +27,6 @@ def energy_of(criterion, exponent, share):
         return G_N + (G_S - G_N) * share**exponent
     x = exponent or 1.0
     return (((1.0 - share) / G_N) ** x + (share / G_S) ** x) ** (-1.0 / x)
-
-
-seeds = st.integers(0, 2**32 - 1)
-
-
-def opened(law, openings, ratio=3.0):
-    """Prescribed openings (m, 2): the updates of one point, N = first axis."""
-    r = ratio * law.softening_modulus
-    return follow(law, r * openings[:, None], NORMAL, r)
 
 
 @pytest.mark.parametrize("angle", np.linspace(0.0, 0.5 * math.pi, 7))
@@ -96,61 +82,6 @@ def test_proportional_opening_spends_what_the_criterion_says(
 def test_wrong_criteria_are_refused(options, words):
     with pytest.raises(ValueError, match=words):
         MixedModeDebonding(P_N, P_S, G_N, G_S, **options)
-
-
-@SETTINGS
-@given(seeds, st.integers(1, 40))
-def test_energies_of_the_modes_add_up_to_one_on_any_path(seed, steps):
-    """G_I/G_n + G_II/G_s = 1, from the works of T on zeta_N and on zeta_T.
-
-    The mean traction of a step is T (rho_n + rho)/(2 rho), at the direction of its end.
-    """
-    rng = np.random.default_rng(seed)
-    path = np.cumsum(np.abs(rng.normal(size=(steps, 2))), axis=0)
-    path *= 0.0399 / path[-1].max() / 3.0
-    gap, d, ratio_sum = np.zeros((1, 2)), 0.0, 0.0
-    for update in opened(LAW, path):
-        d_n, d = d, update.softening[0] / P_N
-        if d == 1.0:
-            return
-        mean = update.traction[0] * (2.0 - d_n - d) / (2.0 * (1.0 - d))
-        work = mean * (update.gap - gap)[0]
-        ratio_sum += work[0] / G_N + work[1] / G_S
-        assert work.sum() == pytest.approx(update.damage_work[0], rel=1e-9, abs=1e-13)
-        gap = update.gap
-    assert ratio_sum == pytest.approx(1.0 - (1.0 - d) ** 2, rel=1e-9, abs=1e-12)
-
-
-@SETTINGS
-@given(
-    st.sampled_from([2, 3]),
-    seeds,
-    st.sampled_from([1.01, 3.0, 1e4]),
-    st.sampled_from([0.0, 0.5]),
-    st.sampled_from([0.0, 200.0]),
-)
-def test_equal_modes_are_debonding(d, seed, ratio, mu, eta):
-    plain = Debonding(100.0, 0.2, mu, eta)
-    mixed = MixedModeDebonding(100.0, 100.0, 10.0, 10.0, mu, eta)
-    assert mixed.softening_modulus == pytest.approx(plain.softening_modulus, rel=1e-15)
-    state = oracle.random_state(np.random.default_rng(seed), plain, 200, d, ratio)
-    one, other = mixed.return_map(*state), plain.return_map(*state)
-    loose = 1e-12 * max(1.0, 0.1 / (ratio - 1.0))
-    for name, scale in (
-        ("traction", 100.0),
-        ("gap", 0.2),
-        ("softening", 100.0),
-        ("multiplier", 0.2),
-        ("damage_work", 10.0),
-        ("friction_work", 10.0),
-        ("viscous_work", 10.0),
-    ):
-        np.testing.assert_allclose(
-            getattr(one, name), getattr(other, name), rtol=loose, atol=loose * scale, err_msg=name
-        )
-    scaled = state.penalty[:, None, None] * np.array([one.tangent, other.tangent])
-    np.testing.assert_allclose(scaled[0], scaled[1], rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(one.mode, other.mode)
 
 
 def test_symmetric_only_with_equal_energies():

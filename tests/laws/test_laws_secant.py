@@ -1,6 +1,5 @@
 """Unloading to the origin: curves, cycles, energies, gradual friction."""
 
-import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,7 +10,6 @@ from support.points import follow, total
 from vmdg.laws import (
     Debonding,
     ExponentialDebonding,
-    IntrinsicExponential,
     MixedModeDebonding,
     Mode,
     TrapezoidalDebonding,
@@ -157,61 +155,6 @@ def test_slip_at_constant_pressure(steps, unloading):
     assert total(updates, "friction_work") == pytest.approx(rubbed, rel=1e-11)
 
 
-def test_slip_that_turns_back_sticks_then_follows_the_spring():
-    """From T = K zeta + d mu p at constant zeta to K zeta - d mu p, then down along the spring."""
-    law, d = mixed(friction=MU), 0.5
-    zeta_s, r = 2 * G_S / P_S, 3.0 * law.softening_modulus
-    (start,) = follow(law, [np.array([[-PRESSURE, 42.5 + r * d * zeta_s]])], NORMAL, r)
-    held = start.gap[0, 1]
-    assert start.traction[0, 1] == pytest.approx(42.5, rel=1e-12)  # 30 of the spring, 12.5 rubbed
-
-    def turned(shear, zeta):
-        trial = np.array([[-PRESSURE, shear + r * (zeta - held)]])
-        return law.return_map(trial, NORMAL, start.gap, start.softening, r)
-
-    for shear in (42.4, 30.0, 17.6):
-        stuck = turned(shear, held)
-        np.testing.assert_array_equal(stuck.gap, start.gap)
-        assert stuck.traction[0, 1] == pytest.approx(shear, rel=1e-12)
-        assert stuck.mode[0] == Mode.ELASTIC
-        assert not stuck.tangent.any()
-    for part in (0.8, 0.0, -0.5):
-        back = turned(30.0 * part - 12.5, part * held)
-        assert back.gap[0, 1] == pytest.approx(part * held, rel=1e-11, abs=1e-15)
-        assert back.mode[0] == Mode.FRICTION
-        assert back.damage_work[0] == 0.0
-        assert back.friction_work[0] == pytest.approx(12.5 * (1 - part) * held, rel=1e-11)
-    # beyond the largest gap on the other side the bond goes on to part
-    other = turned(-(0.4 * P_S + 0.6 * MU * PRESSURE), -0.6 * zeta_s)
-    np.testing.assert_allclose(other.gap, [[0.0, -0.6 * zeta_s]], rtol=1e-11)
-    assert other.mode[0] == Mode.SHEAR
-    assert other.friction_work[0] == pytest.approx(
-        MU * PRESSURE * zeta_s * (d * 2 * d + 0.5 * (0.6**2 - d**2)), rel=1e-11
-    )
-
-
-@EVERY_LAW
-def test_what_friction_holds_at_the_largest_gap_is_not_damaged(make):
-    """A point that sticks on its way back keeps Q to the last bit, in any direction of slip."""
-    law, n = make(MU), 500
-    r = np.full(n, 3.0 * law.softening_modulus)
-    angles, slips = np.linspace(0.1, 6.0, n), np.linspace(0.3, 0.5, n) / law.softening_modulus
-    pressure = PRESSURE * (1.0 + np.sin(97.0 * angles) / 2)[:, None]
-    normal = np.column_stack([np.cos(angles), np.sin(angles)])
-    along = normal[:, ::-1] * [-1.0, 1.0]
-    gap, softening = np.zeros((n, 2)), np.zeros(n)
-    for share in (0.5, 0.8, 1.0):
-        slip = share * slips * law.in_shear.strength
-        load = -pressure * normal + (r * slip + law.in_shear.strength)[:, None] * along
-        there = law.return_map(load - r[:, None] * gap, normal, gap, softening, r)
-        gap, softening = there.gap, there.softening
-    assert (softening > 0).all()
-    back = law.return_map(there.traction - 0.1 * along, normal, there.gap, there.softening, r)
-    assert np.array_equal(back.softening, there.softening)
-    assert np.allclose(back.gap, there.gap, rtol=0, atol=1e-15)
-    assert not back.damage_work.any()
-
-
 def test_wrong_options_are_refused():
     with pytest.raises(ValueError, match="unloading = 'elastic': must be one of"):
         Debonding(P_N, 0.02, unloading="elastic")
@@ -221,35 +164,3 @@ def test_wrong_options_are_refused():
         Debonding(P_N, 0.02, gradual_friction="yes")
     with pytest.raises(ValueError, match=r'viscosity = 2\.0: .*use viscosity=0, or unloading="pl'):
         Debonding(P_N, 0.02, viscosity=2.0, unloading="secant")
-
-
-@pytest.mark.parametrize("unloading", ["plastic", "secant"])
-@pytest.mark.parametrize("steps", [1, 3, 50])
-def test_trapezoid(unloading, steps):
-    """P_c to the end of the plateau, then down to zero; the area is P_c (zeta_p + zeta_c)/2."""
-    law = TrapezoidalDebonding(P_N, 0.004, 0.02, unloading=unloading)
-    assert law.softening_modulus == pytest.approx(P_N / 0.016)
-    r = 3.0 * law.softening_modulus
-    for zeta, held in ((0.001, P_N), (0.0039, P_N), (0.012, 0.5 * P_N), (0.0199, P_N / 160)):
-        opening = np.linspace(0.0, 1.0, steps + 1)[1:, None] * (zeta + held / r) * [[0.6, 0.8]]
-        last = led(law, opening)[-1]
-        np.testing.assert_allclose(last.gap, [[0.6 * zeta, 0.8 * zeta]], atol=1e-14)
-        np.testing.assert_allclose(last.traction, [[0.6 * held, 0.8 * held]], atol=1e-10)
-        assert last.softening[0] == pytest.approx(P_N * zeta / 0.02, rel=1e-9)
-    updates = led(law, np.linspace(0.0, 0.05, steps + 1)[1:, None] * [[0.6, 0.8]])
-    assert total(updates) == pytest.approx(P_N * 0.012, rel=1e-12)
-    assert updates[-1].mode[0] == Mode.OPEN
-
-
-def test_law_of_ones_own_has_it_by_its_curve():
-    """`RadialLaw` finds the history by the four methods of its curve."""
-    law, r = LAWS["exponential"](), 1e5
-    assert not isinstance(law, IntrinsicExponential)
-    (update,) = led(law, [[0.006, 0.004]], ratio=r / law.softening_modulus)
-    damage = np.linspace(0.01, 0.99, 9)
-    by_curve = super(ExponentialDebonding, law).extent(damage)
-    np.testing.assert_allclose(by_curve, law.extent(damage), rtol=1e-12)
-    np.testing.assert_allclose(super(ExponentialDebonding, law).damage(by_curve), damage)
-    assert update.softening[0] / P_N == pytest.approx(
-        1 - math.exp(-np.linalg.norm(update.gap) / 0.01), rel=1e-12
-    )

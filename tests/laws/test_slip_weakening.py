@@ -76,20 +76,6 @@ def test_tangent(d, seed):
         assert smooth.mean() > 0.9
 
 
-@SETTINGS
-@given(seeds)
-def test_constant_friction_is_a_case(seed):
-    """With equal coefficients it is Coulomb's friction, in all that a return map gives."""
-    trial, normal, gap, path, r = states(2, seed)
-    law = Contact(STATIC, dynamic_friction=STATIC, slip_distance=D)
-    one, other = (
-        law.return_map(trial, normal, gap, path, r),
-        Contact(STATIC).return_map(trial, normal, gap, 0 * path, r),
-    )
-    for name in ("traction", "gap", "multiplier", "tangent", "mode", "friction_work"):
-        assert getattr(one, name) == pytest.approx(getattr(other, name), abs=1e-9), name
-
-
 def test_coarse_penalty():
     """With r below the descent a point that slips ends on the dynamic branch, which is unique."""
     update = LAW.return_map([[-100.0, 61.0]], [[1.0, 0.0]], [[0.0, 0.0]], [0.0], 300.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from support.plastic import CONES, DT, ELASTIC, TENSORS, E, after, kirchhoff
-from support.scenes import LEFT, RIGHT, pairs, two_blocks
+from support.scenes import pairs
 
 import vmdg
 
@@ -40,23 +40,6 @@ def test_yield_condition(name, small, first, second):
 
 
 @EVERY
-@KINEMATICS
-def test_apex(name, small):
-    """Under equal extensions p = xi c/eta, whose c grows with xi/eta of the plastic volume."""
-    material = CONES[name]
-    H, ratio = material.numbers["hardening"], material.xi / material.eta
-    for extension in (0.02, 0.04):
-        F = (extension if small else math.exp(extension)) * np.eye(3)[None]
-        answer = material(F, material.start(1), DT, small)
-        trial = 3 * BULK * extension
-        grown = (trial - ratio * material.cohesion(0.0)) / (BULK + H * ratio**2)
-        tau = answer.stress if small else answer.stress @ F
-        expected = ratio * (material.cohesion(0.0) + H * ratio * grown) * np.eye(3)
-        assert tau[0] == pytest.approx(expected, abs=1e-9)
-        assert answer.state[0, 0] == pytest.approx(ratio * grown, rel=1e-10)
-
-
-@EVERY
 def test_stress_is_continuous_where_the_apex_begins(name):
     """A path over the normal cone of the apex: no step is larger than that of elastic bodies."""
     material, stresses = CONES[name], []
@@ -70,27 +53,6 @@ def test_stress_is_continuous_where_the_apex_begins(name):
     steps = np.linalg.norm(np.diff(stresses, axis=0), axis=(1, 2))
     elastic = 3 * BULK * 0.03 * math.sqrt(3) + 2 * BULK * 0.05 * np.linalg.norm(shape)
     assert steps.max() < elastic / n
-
-
-def test_bar_at_the_apex(comm):
-    """A bar between walls is pulled to the apex, unloads elastically, and is pulled on at the same
-    stress, though without hardening it has no stiffness there."""
-    cone = vmdg.DruckerPrager(*ELASTIC, COHESION, FRICTION, dilatancy=18.0)
-    scene = two_blocks(comm, "quadrilateral", 2)
-    tie, end = vmdg.Interface(between=(1, 2), law=vmdg.Bonded()), scene.facet_tags.find(RIGHT)
-    given = scene.mesh, scene.cell_tags, {1: cone, 2: cone}, [tie]
-    problem = vmdg.Problem(*given, kinematics="small", volumetric="mean")
-    problem.dirichlet(lambda x: np.isclose(x[1], 0.0) | np.isclose(x[1], 1.0), 0.0, "y")
-    problem.dirichlet(scene.facet_tags.find(LEFT), 0.0, "x")
-    problem.dirichlet(end, lambda t: t, "x")
-    loads = np.array([0.5, 0.499, 0.8])
-    history = vmdg.solve(problem, loads, monitor=lambda p: {"force": p.reaction(end)[0]}).history
-    assert history["load"].tolist() == loads.tolist()
-    apex, length = cone.xi / cone.eta * COHESION, 2.0
-    confined = BULK + 2 / 3 * ELASTIC[0] / (1 + ELASTIC[1])
-    assert history["force"] == pytest.approx(
-        [apex, apex - confined * 0.001 / length, apex], rel=1e-8
-    )
 
 
 def free(material, strain, unknown, steps=40):

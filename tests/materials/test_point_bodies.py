@@ -10,13 +10,12 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from support.checks import modes, multiply, product_error, tangent_error, tangent_matrix
-from support.plastic_bar import BAR, BOND, LENGTH, LOADS, NU, SIGMA, E, H, series
+from support.checks import multiply, product_error, tangent_matrix
+from support.plastic_bar import BAR, BOND, LENGTH, LOADS, NU, SIGMA, E, series
 from support.problems import joined, partly_damaged
-from support.scenes import SEVERAL_RANKS, pairs, two_blocks
+from support.scenes import SEVERAL_RANKS, two_blocks
 
 import vmdg
-from vmdg import Mode
 from vmdg.domain.point_evaluator import PointEvaluator
 
 METAL = vmdg.J2(E, NU, 60.0, hardening=400.0, saturation=90.0, exponent=20.0)
@@ -24,40 +23,6 @@ ELASTIC = vmdg.NeoHookean(E=2 * E, nu=NU)
 BODIES = {"both": (METAL, METAL), "one": (METAL, ELASTIC)}
 LOCKS = pytest.mark.filterwarnings("ignore:plastic flow keeps the volume")
 KINEMATICS = pytest.mark.parametrize("kinematics", ["small", "finite"])
-
-
-@LOCKS
-@pytest.mark.parametrize(
-    ("cell", "degree", "kinematics", "frame"),
-    [
-        ("triangle", 2, "small", "reference"),
-        ("triangle", 1, "finite", "corotating"),
-        ("quadrilateral", 2, "finite", "corotating"),
-        ("tetrahedron", 2, "finite", "reference"),
-        ("hexahedron", 1, "finite", "corotating"),
-        ("hexahedron", 2, "small", "reference"),
-    ],
-)
-def test_tangent(comm, cell, degree, kinematics, frame):
-    """The derivative of the residual through return maps of bodies and bond; also on one side."""
-    materials = BODIES["both" if frame == "reference" else "one"]
-    options = {"materials": materials, "kinematics": kinematics, "frame": frame}
-    problem = partly_damaged(comm, cell, degree, **options)
-    matrix = tangent_matrix(problem)
-    assert tangent_error(problem, matrix) < 1e-7
-    alpha = problem.discretization.bodies.points.state.next[0][:, 0]
-    assert comm.allreduce(float(alpha.max(initial=0.0)), MPI.MAX) > 1e-3
-    assert Mode.TENSION in modes(problem)
-
-
-@pairs(cell=("quadrilateral", "hexahedron"), kinematics=("small", "finite"), bodies=list(BODIES))
-def test_tangent_with_mean_dilatation(comm, cell, kinematics, bodies):
-    """With the cell's dilatation eliminated, in the section of a body of revolution too."""
-    options = {"materials": BODIES[bodies], "kinematics": kinematics, "volumetric": "mean"}
-    for symmetry in (None, "axisymmetric") if cell == "quadrilateral" else (None,):
-        problem = partly_damaged(comm, cell, 1, **options, symmetry=symmetry)
-        assert tangent_error(problem) < 1e-7
-        assert Mode.TENSION in modes(problem)
 
 
 def test_stress_of_a_sheet(comm):
@@ -74,43 +39,6 @@ def test_stress_of_a_sheet(comm):
     expected[0, 0] = tau * np.exp(-(1 - 2 * NU) * tau / E)
     found = sheet.stress().x.array.reshape(-1, 3, 3)
     assert np.abs(found - expected).max(initial=0.0) < 1e-9 * tau
-
-
-@pairs(cell=("triangle", "quadrilateral"), degree=(1, 2), kinematics=("small", "finite"))
-def test_tangent_in_plane_stress(comm, cell, degree, kinematics):
-    """With F_33 found at every point."""
-    options = {"materials": BODIES["one"], "kinematics": kinematics, "plane": "stress"}
-    problem = partly_damaged(comm, cell, degree, **options)
-    assert tangent_error(problem) < 1e-7
-    assert Mode.TENSION in modes(problem)
-    stress = problem.body_state(1).stress
-    assert np.abs(stress[:, 2]).max(initial=0.0) < 1e-9 * np.abs(stress).max(initial=1.0)
-
-
-EIGENSTRAINS = {"swelling": 0.01, "tensor": np.diag([0.02, -0.01, 0.005])}
-
-
-@LOCKS
-@pytest.mark.parametrize(
-    ("cell", "kinematics", "strain"),
-    [
-        ("triangle", "small", "tensor"),
-        ("quadrilateral", "finite", "tensor"),
-        ("quadrilateral", "small", "swelling"),
-        ("tetrahedron", "finite", "swelling"),
-        ("hexahedron", "small", "tensor"),
-    ],
-)
-def test_tangent_with_an_eigenstrain(comm, cell, kinematics, strain):
-    """Of a plastic and an elastic body; also in plane stress and with mean dilatation."""
-    options = {"materials": BODIES["one"], "kinematics": kinematics}
-    options["eigenstrain"] = dict.fromkeys((1, 2), EIGENSTRAINS[strain])
-    more = [{}]
-    if cell == "quadrilateral":
-        more += [{"plane": "stress"}, {"volumetric": "mean"}]
-    for one in more:
-        problem = partly_damaged(comm, cell, 1, **options, **one)
-        assert tangent_error(problem) < 1e-7
 
 
 MEANS = {
@@ -174,16 +102,6 @@ def test_tangent_with_means(comm, cell, kinematics, means):
         assert comm.allreduce(float(alpha.max(initial=0.0)), MPI.MAX) > 1e-3
 
 
-@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
-def test_unsymmetric_tangent_in_space(comm, cell):
-    """Of two materials, one of them elastic."""
-    materials = Skewed(ELASTIC), ELASTIC
-    problem = partly_damaged(comm, cell, 2, materials=materials, kinematics="small")
-    matrix = tangent_matrix(problem)
-    assert tangent_error(problem, matrix) < 1e-7
-    assert not matrix.isSymmetric(1e-6)
-
-
 @pytest.mark.parametrize(
     ("cell", "options", "kinematics"),
     [
@@ -212,35 +130,6 @@ def test_bar_in_series_with_a_bond(comm, cell, options, kinematics):
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * SIGMA)
 
 
-@pytest.mark.parametrize(
-    ("options", "kinematics"), [({}, "small"), ({"plane": "stress"}, "finite")]
-)
-def test_bar_heated_between_walls(comm, options, kinematics):
-    """A bar that may not grow longer flows when it is heated, and unloads when it cools.
-
-    With x the logarithm of 1/(1 + e), at small strain -e: tau = E (x - eps_p), and the nominal
-    stress is (1 + e)^3 tau, J_s F_s^-1 (1 + e).
-    """
-    scene, small = (
-        two_blocks(comm, "quadrilateral" if options else "hexahedron"),
-        kinematics == "small",
-    )
-    heat = {tag: lambda t: t for tag in (1, 2)}
-    options = options | {"kinematics": kinematics, "degree": 2, "eigenstrain": heat}
-    problem = joined(scene, vmdg.Bonded(), (BAR, BAR), **options)
-    for end in (1, 2):
-        problem.dirichlet(scene.facet_tags.find(end), 0.0, "x")
-    for k, name in ((1, "y"), (2, "z"))[: scene.mesh.geometry.dim - 1]:
-        problem.dirichlet(lambda x, k=k: np.isclose(x[k], 0.0), 0.0, name)
-    plastic = 0.0
-    for e in (0.005, 0.02, 0.05, 0.045):
-        vmdg.solve(problem, [e], vmdg.SolveOptions(relative_tolerance=1e-12))
-        x = e if small else np.log1p(e)
-        plastic = max(plastic, (E * x - SIGMA) / (E + H))
-        expected = E * (x - plastic) * (1 if small else (1 + e) ** 3)
-        assert problem.reaction(scene.facet_tags.find(1))[0] == pytest.approx(expected, rel=1e-9)
-
-
 FAILING = vmdg.Debonding(strength=70.0, critical_gap=0.1, friction=0.3)
 
 
@@ -264,21 +153,6 @@ def test_energies_balance(comm, kinematics):
     energy = problem.energy()
     assert energy.plastic > 0.1 * energy.external
     assert abs(energy.imbalance) < 5e-3 * energy.external
-
-
-@pytest.mark.parametrize("steps", [5])
-def test_metals_flow_before_their_bond_fails(comm, steps):
-    """Few steps find the path of many: a bond begins at its strength, and not where one correction
-    has made it soften instead of the bodies. With 80 steps the plastic work is .1825 N mm.
-    """
-    scene = two_blocks(comm, "quadrilateral", n=2)
-    metals = vmdg.J2(1000.0, NU, 10.0, hardening=50.0), vmdg.J2(1000.0, NU, 8.0, hardening=80.0)
-    bond = vmdg.Debonding(strength=11.5, critical_gap=0.05)
-    problem = joined(scene, bond, metals, kinematics="small", degree=2)
-    problem.dirichlet(scene.facet_tags.find(1), 0.0)
-    problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.3 * t))
-    vmdg.solve(problem, np.linspace(0.0, 0.1, steps + 1)[1:])
-    assert problem.energy().plastic == pytest.approx(0.1825, rel=0.015)
 
 
 @SEVERAL_RANKS

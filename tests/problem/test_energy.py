@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from support import bar
 from support.problems import SAME, STRONG, couple, driven, joined
 from support.scenes import two_blocks
 
@@ -138,14 +137,6 @@ def test_damage_of_a_gap_that_turns(comm, law, bounds):
         assert abs(energy.imbalance) < bound * energy.external
 
 
-class Spendthrift(vmdg.Debonding):
-    """Says that it spends 1% more than its tractions do."""
-
-    def bond_energy(self, resistance):
-        """R^2/(2H), and 1% more."""
-        return 1.01 * super().bond_energy(resistance)
-
-
 def test_friction_that_begins_within_a_step(comm):
     """A bond that is nearly gone closes at the end of a step in which it slides: friction has the
     pressure on the way; that of the end over the whole way would be 0.13 N mm."""
@@ -164,13 +155,6 @@ def test_friction_that_begins_within_a_step(comm):
     assert abs(energy.imbalance - before.imbalance) < 1e-3
 
 
-def test_balance_does_not_take_the_word_of_a_law(comm):
-    """What a law charges without bearing it is missing in the balance."""
-    law = Spendthrift(strength=P_C, critical_gap=ZETA_C)
-    final = pull(comm, law=law)[0].rows[-1]
-    assert final["imbalance"] == pytest.approx(-0.01 * P_C * ZETA_C / 2, rel=0.05)
-
-
 @pytest.mark.parametrize(
     ("law", "options"),
     [(vmdg.Bonded(), {}), (vmdg.Bonded(), {"traction_jump": True}), (STRONG, {})],
@@ -187,38 +171,6 @@ def test_tau_s_that_changes_is_counted(comm, law, options):
     added = comm.allreduce(parts.update_stabilization())
     assert abs(added) > 1e-6 * energy.external
     assert problem.energy().stored - energy.stored == pytest.approx(added, rel=1e-6)
-
-
-def test_dead_load(comm):
-    """A bonded bar under dead traction: work and stored energy meet the closed form.
-
-    Confined neo-Hookean, W = mu/2 (s^2 - 1) - mu ln s + lambda/2 (s - 1)^2, length 2, area 1. The
-    stored energy is exact; the work is that of the forces at three or five points of a step. The
-    trapezoidal rule misses 8e-3 of it in 4 steps.
-    """
-    p, material = 400.0, SAME[0]
-    mu, lmbda = material.parameters["mu"], material.parameters["lmbda"]
-    s = 1.0
-    for _ in range(30):
-        s -= (mu * (s - 1 / s) + lmbda * (s - 1) - p) / (mu * (1 + 1 / s**2) + lmbda)
-    stored = 2 * (mu / 2 * (s**2 - 1) - mu * np.log(s) + lmbda / 2 * (s - 1) ** 2)
-
-    errors = []
-    for steps in (4, 8, 16):
-        scene = blocks(comm, "quadrilateral", (1, 2))
-        problem = couple(scene, vmdg.Bonded())
-        problem.dirichlet(scene.facet_tags.find(1), 0.0, "x")
-        for tag in (4, 5):
-            problem.dirichlet(scene.facet_tags.find(tag), 0.0, "y")
-        problem.traction(scene.facet_tags.find(2), lambda t: [p * t, 0.0])
-        options = vmdg.SolveOptions(relative_tolerance=1e-12, energy=True)
-        vmdg.solve(problem, np.arange(1, steps + 1) / steps, options)
-        energy = problem.energy()
-        assert energy.stored == pytest.approx(stored, rel=1e-10)
-        assert abs(energy.interface) < 1e-10 * stored
-        assert energy.dissipated == 0
-        errors.append(abs(energy.external - stored))
-    assert max(errors) < 3e-5 * stored
 
 
 def hanging_bar(comm, steps: int, energy: bool) -> tuple[vmdg.Problem, int]:
@@ -265,20 +217,6 @@ def test_work_of_eigenstrains_of_bodies_at_points(comm, form, limit, allowed):
     energy = problem.energy()
     assert (energy.plastic > 0) == (limit < 1e9)
     assert abs(energy.imbalance) < allowed * energy.external
-
-
-def test_work_that_errors_are_measured_by(comm):
-    """Where a bond softens too it is what loads have done, of which curvature is a small part."""
-    problem, found = bar.build(comm, 0.041), []
-
-    def monitor(problem):
-        found.append((problem.step.ledger.works.increment.work, problem.energy().external))
-        return {}
-
-    vmdg.solve(problem, [0.02, 0.04, 0.05], monitor=monitor)
-    works, external = np.transpose(found)
-    assert problem.mean(0).gap[0] > 0.005
-    assert works == pytest.approx(external, rel=5e-3)
 
 
 def test_what_costs_residuals_is_asked_for(comm):

@@ -126,22 +126,3 @@ def test_tensor_of_a_number(comm, symmetry):
     assert comm.allreduce(np.abs(forces[0]).max(initial=0.0)) > 1
     for other in forces[1:]:
         np.testing.assert_allclose(other, forces[0], rtol=0, atol=1e-10)
-
-
-def test_work_of_a_strain_that_varies(comm):
-    """The work of eigenstrains f(x, t) is what the bodies store."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    a, material = 1e-3, vmdg.NeoHookean(E=SOFT, nu=0.0)
-    problem = of_two(
-        scene,
-        vmdg.Bonded(),
-        (material,) * 2,
-        degree=2,
-        kinematics="small",
-        eigenstrain=dict.fromkeys((1, 2), lambda x, t: a * t * np.where(x[1] < 0.5, -1.0, 1.0)),
-    )
-    problem.dirichlet(scene.facet_tags.find(1), 0.0)
-    vmdg.solve(problem, [0.5, 1.0])
-    energy = problem.energy()
-    assert energy.bulk + energy.interface == pytest.approx(energy.external, rel=1e-10)
-    assert energy.bulk > 0

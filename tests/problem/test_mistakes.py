@@ -291,14 +291,11 @@ WRONG_VALUES = [
     ),
     (lambda s: tie(between=(1, 2), within=1), r"exactly one of .*; given: between, within"),
     (lambda s: tie(between=(1, 1)), r"between = \(1, 1\) must be two different tags.*within=tag"),
-    (lambda s: tie(within=1, safety=0.0), "safety = 0.0 must be positive"),
     (lambda s: tie(within=1, safety="high"), r"safety = 'high' must be positive, or \"auto\""),
-    (lambda s: tie(within=1, norm="max"), "norm = 'max' must be one of"),
     (lambda s: tie(within=1, frame="moving"), "frame = 'moving' must be one of"),
     (lambda s: tie(within=1, activate="on-demand"), "a tie never fails"),
     (lambda s: tie(within=1, law=BOND, activate="later"), "activate"),
     (lambda s: tie(within=1, law=BOND, activate="on-demand", activate_at=1.5), "activate_at"),
-    (lambda s: prescribe(s, lambda t: 1j * t), "it is complex"),
     (
         lambda s: make(s, interfaces=[tie(between=(1, 2), law=vmdg.Debonding(lambda x: 1j, 1.0))]),
         "strength of the law must be one finite number .* it is complex",
@@ -346,11 +343,9 @@ WRONG_VALUES = [
     (lambda s: make(s, cell_tags=s.facet_tags), "dimension 1, .*tags of facets given"),
     (lambda s: make(s, cell_tags=scene(s.mesh.comm).cell_tags), "belong to another mesh; give"),
     (lambda s: make(s, degree=0), "degree = 0 must be an integer, at least 1"),
-    (lambda s: make(s, degree=1.5), "degree = 1.5 must be an integer"),
     (lambda s: make(s, kinematics="large"), "kinematics = 'large' must be one of"),
     (lambda s: make(s, thickness=0.0), "thickness = 0.0 must be positive"),
     (lambda s: bond(s, between=(1, 5)), r"no cell has tag 5; tags are \[1, 2\]"),
-    (lambda s: bond(s, within=9), r"no cell has tag 9; tags are \[1, 2\]"),
     (
         lambda s: make(s, interfaces=[TIE, tie(facets=s.facet_tags.find(3))]),
         r"facet \d+ belongs to both interface 0 \(between=\(1, 2\)\) and interface 1 \(facets=",
@@ -376,20 +371,17 @@ WRONG_VALUES = [
         lambda s: prescribe(s, 0.0, "w"),
         r"unknown component 'w'; in 2D it is one of 0\.\.1 or x, y, or None for all",
     ),
-    (lambda s: prescribe(s, 0.0, 2), "unknown component 2; in 2D"),
     (
         lambda s: bonded(s).dirichlet(np.zeros(0, dtype=np.int32), 0.0),
         "dirichlet: no facet is selected on any rank",
     ),
     (lambda s: prescribe(s, [0.0, 0.0, 0.0]), r"a value of shape \(3,\) does not fit 2 components"),
     (lambda s: prescribe(s, lambda t: None), "must return the value"),
-    (lambda s: prescribe(s, "0.1 mm"), "'0.1 mm' is not a number"),
     (lambda s: bonded(s).dirichlet(np.array([10**6]), 0.0), "does not exist on this"),
     (
         lambda s: bonded(s).body_force([0.0, 0.0, -9.81]),
         r"body_force: the value has shape \(3,\), expected \(2,\)",
     ),
-    (lambda s: bonded(s).body_force([0.0, 1.0], tag=7), r"no cell has tag 7; tags are \[1, 2\]"),
     (
         lambda s: bonded(s).body_force(ufl.SpatialCoordinate(scene(s.mesh.comm).mesh)),
         "the expression belongs to another mesh",
@@ -409,18 +401,9 @@ WRONG_VALUES = [
         r"an eigenstrain of -1.5 at load factor 0.5 would shrink .*must be positive.* 1 % is 0.01",
     ),
     (
-        lambda s: make(s, eigenstrain={1: np.diag([0.0, -1.0, 0.2])}),
-        r"an eigenstrain of -1 at load factor 0 would shrink",
-    ),
-    (lambda s: make(s, thickness=np.inf), "thickness = inf must be positive"),
-    (lambda s: make(s, thickness="2 mm"), "thickness = '2 mm' must be positive and finite"),
-    (lambda s: make(s, degree="2"), "degree = '2' must be an integer"),
-    (lambda s: tie(between={1, 2}), r"between = \{1, 2\} must be two different tags"),
-    (
         lambda s: tie(within=[1, 2]),
         r"within = \[1, 2\] must be one tag; create an interface for each",
     ),
-    (lambda s: tie(within=1, safety=None), "safety = None must be positive"),
     (
         lambda s: bond(s, between=(1, 2), initial_damage="half"),
         r"initial_damage = 'half' must lie in \[0, 1\]: the lost fraction of the strength",
@@ -433,12 +416,10 @@ WRONG_VALUES = [
         lambda s: bonded(s).reaction(s.facet_tags.find("interface")),
         r"reaction: facet \d+ at \[1.0, .*are unconstrained; .* vmdg.integral\(problem, interface",
     ),
-    (lambda s: prescribe(s, 0.0, True), "unknown component True; in 2D"),
     (
         lambda s: run(s, loads=["0.5", "1.0"]),
         r"loads = \['0.5', '1.0'\] must be one or more finite load factors",
     ),
-    (lambda s: run(s, loads=np.array([0.5 + 1j])), "must be one or more finite load factors"),
     (
         lambda s: look(scaled(held(s, bonded(s), "left", "right"))),
         "nodes of the mesh were moved after the problem was created, .*scale the mesh first",
@@ -448,12 +429,6 @@ WRONG_VALUES = [
         lambda s: vmdg.CrackGrowth(bonded(s), 0, width=-1.0),
         "CrackGrowth: width = -1.0 must be positive and finite",
     ),
-    (
-        lambda s: vmdg.CrackGrowth(bonded(s), 0, start="30 mm"),
-        "CrackGrowth: start = '30 mm' must be a length",
-    ),
-    (lambda s: run(s, loads=[]), "one or more finite load factors"),
-    (lambda s: run(s, loads=[0.1, np.nan]), "finite load factors"),
     (lambda s: run(s, loads=0), "loads = 0 is a number of steps"),
 ]
 
@@ -471,10 +446,8 @@ WRONG_TYPES = [
     (lambda s: make(s, materials={1: STEEL, 2: 5e3}), "must be a vmdg.Material"),
     (lambda s: make(s, materials=[STEEL, STEEL]), "must be a dict"),
     (lambda s: make(s, interfaces=TIE), r"a list, \[Interface"),
-    (lambda s: make(s, interfaces=[1, 2]), "1, which is not a vmdg.Interface"),
     (lambda s: make(s, mesh=s), "unpack what vmdg.meshes"),
     (lambda s: make(s, cell_tags=None), "not dolfinx.mesh.MeshTags; make them by"),
-    (lambda s: bonded(s).dirichlet(1, 0.0), "facet_tags.find"),
     (lambda s: bonded(s).dirichlet("left", 0.0), r"facet_tags.find\(group\)"),
     (
         lambda s: bonded(s).dirichlet(np.ones(4, dtype=bool), 0.0),
@@ -493,30 +466,17 @@ WRONG_TYPES = [
         r"dirichlet_points: where = \[0, 1\] must be a predicate on coordinates",
     ),
     (
-        lambda s: bonded(s).reaction_points((0.0, 0.0)),
-        r"reaction_points: where = \(0.0, 0.0\) must be a predicate on coordinates",
-    ),
-    (
         lambda s: bonded(s).spring(s.facet_tags.find("left"), lambda t: 100 * t),
         "spring: the stiffness .* must be numbers in MPa/mm; springs are constant in the load",
-    ),
-    (
-        lambda s: bonded(s).spring(s.facet_tags.find("left"), "100"),
-        "spring: the stiffness '100' must be numbers",
     ),
     (
         lambda s: run(s, problem=[bonded(s)]),
         r"solve: problem = \[<Problem: .*\] must be a vmdg.Problem: solve\(problem, ",
     ),
     (
-        lambda s: vmdg.read_checkpoint("run", bonded(s)),
-        r"checkpoint: problem = 'run' must be a vmdg.Problem, and the folder comes after it",
-    ),
-    (
         lambda s: run(s, history=[]),
         r"solve: history = \[\] must be a History, such as result.history",
     ),
-    (lambda s: bonded(s).mean(0.0), "there is no interface 0.0; the problem has 'interface_0'"),
     (
         lambda s: vmdg.split_cells(s.mesh, lambda x: x[0] - 1, 5),
         "split_cells: name = 5 must be a word",
@@ -543,10 +503,6 @@ WRONG_TYPES = [
     ),
     (lambda s: run(s, options={"max_cuts": 3}), r"SolveOptions\(\.\.\.\)"),
     (lambda s: run(s, loads=1.0), r"\[1.0\] for one step to 1, or an int"),
-    (
-        lambda s: run(s, monitor=lambda p: {"a": [[1.0], [1.0, 2.0]]}),
-        r"column 'a' of the monitor is \[\[1.0\], \[1.0, 2.0\]\]; it must be a number",
-    ),
     (lambda s: vmdg.NeoHookean(K=1.0, G=1.0), r"there is no K=: .* lmbda=K - 2\*G/3 and mu=G"),
     (
         lambda s: vmdg.Debonding(strength=1.0, fracture_energy=1.0),
@@ -556,8 +512,6 @@ WRONG_TYPES = [
         lambda s: vmdg.identify(lambda v: 3.0, vmdg.Curve([1.0], [1.0], sigma=1.0), {"E": 1.0}),
         "make_problem of 'measured' returned 3.0; it must return a problem, its monitor",
     ),
-    (lambda s: run(s, loads=True), "loads = True must be a list of load factors"),
-    (lambda s: run(s, monitor=lambda p: p.t), "a dict of columns"),
 ]
 
 
@@ -591,15 +545,10 @@ WRONG_OPTIONS = {
     "progress": ("yes", "True, False or a number of seconds"),
     "show": (5, "names of columns or None"),
 }
-WRONG_TYPES_OF_OPTIONS = {
-    name: (value, WRONG_OPTIONS[name][1])
-    for name, value in {"max_cuts": "6", "relative_tolerance": "1e-8", "duration": None}.items()
-}
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "words"),
-    [(name, *one) for way in (WRONG_OPTIONS, WRONG_TYPES_OF_OPTIONS) for name, one in way.items()],
+    ("name", "value", "words"), [(name, *one) for name, one in WRONG_OPTIONS.items()]
 )
 def test_options(name, value, words):
     """Refused when they are given, not when a run meets them."""

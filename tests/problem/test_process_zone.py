@@ -9,14 +9,13 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx.mesh import meshtags
-from support.problems import of_two
 from support.scenes import box
 
 import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.checks.zone import EXCESS, layer
 from vmdg.laws.base import separation
-from vmdg.meshes import beams, blocks
+from vmdg.meshes import beams
 from vmdg.meshes.beams import INTERFACE, LOWER_LEFT, RIGHT, UPPER_LEFT, plates
 
 E, NU, P, G, T, CRACK = 70e3, 0.3, 60.0, 0.2, 1.5, 20.0
@@ -190,21 +189,6 @@ def test_film_on_a_base(comm):
     if told:
         assert "facets of 1 mm" in told[0]
         assert "next to a part of t = 0.01 mm" in told[0]
-
-
-def test_section_that_fails_at_once(comm):
-    """A bar of brittle bonds has no crack that grows, however long its facets are."""
-    tagged = blocks(
-        comm, "quadrilateral", (6, 6), length=120.0, height=60.0, interface=(60.0, 60.0)
-    )
-    law = vmdg.Debonding(strength=15.0, critical_gap=2 * 0.5 / 15.0)
-    problem = of_two(tagged, law, (vmdg.NeoHookean(E=1e3, nu=0.0),) * 2, kinematics="small")
-    problem.dirichlet(tagged.facet_tags.find("left"), 0.0, "x")
-    problem.dirichlet(tagged.facet_tags.find("left"), 0.0, "y")
-    problem.dirichlet(tagged.facet_tags.find("right"), lambda t: [4.0 * t, 0.0])
-    _, told = run(problem, 8)
-    assert problem.debonded() == pytest.approx(1.0)
-    assert not told
 
 
 def test_stiffness_of_layers_and_large_bodies():

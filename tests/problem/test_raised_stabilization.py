@@ -8,7 +8,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from support.budgets import over_budget
 
 import vmdg
 from vmdg.base.timers import timings, timings_since
@@ -111,31 +110,3 @@ def test_raise_ends_and_leaves_no_trace(comm):
     step.cancel()
     step.begin(0.1, 1.0)
     assert np.array_equal(problem.stabilization[0].norm, norm)
-
-
-@pytest.mark.parametrize(
-    ("law", "cell", "ratio", "degree"),
-    [
-        (vmdg.Bonded(), "quadrilateral", 1.0, 3),
-        (vmdg.Contact(friction=0.2), "triangle", 1.0, 2),
-        (vmdg.Contact(friction=0.05), "quadrilateral", 2.0, 2),
-    ],
-    ids=["tie", "held", "sliding"],
-)
-def test_squeezed_joint_rests(law, cell, ratio, degree):
-    """Shortened by 10%; a load that is held moves nothing.
-
-    Lips of equal blocks are held; on a stiffer block they slide over a part.
-    tau_s and the flux weights are those of the start of a step, and follow in the first one that
-    the load is held for, those of lips that slide in the second. Then 20 steps change less than
-    1e-9 of the shortening.
-    """
-    problem = squeezed(MPI.COMM_SELF, law, lambda t: 0.1 * min(t, 1.0), 16, degree, cell, ratio)
-    result = vmdg.solve(problem, np.linspace(0.1, 1, 10))
-    assert not result.failures
-    assert not over_budget("squeezed joint", result)
-    vmdg.solve(problem, [1.0] * (1 if ratio == 1 else 2))
-    rest, norm = problem.u.x.array.copy(), problem.stabilization[0].norm
-    vmdg.solve(problem, [1.0] * 20)
-    assert np.abs(problem.u.x.array - rest).max() < 1e-10
-    assert (problem.stabilization[0].norm >= norm).all()

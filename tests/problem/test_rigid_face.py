@@ -106,18 +106,6 @@ def test_plate_on_a_foundation(comm):
     assert state.traction == pytest.approx(np.zeros_like(state.traction), abs=1e-9)
 
 
-def test_rod_in_a_tube(comm):
-    """Axisymmetric, the force on the whole body: u = F h/(E_1 A_1 + E_2 A_2)."""
-    scene = section(comm)
-    problem = revolved(scene, vmdg.Bonded(), BARS, kinematics="small")
-    hold(problem, scene, BOTTOM, component="y")
-    plate = problem.rigid_face(scene.facet_tags.find(TOP), "y", force=-1000.0)
-    vmdg.solve(problem, [1.0])
-    stiffness = np.pi * (E[0] + 3 * E[1])
-    assert plate.displacement() == pytest.approx(-1000.0 / stiffness, rel=1e-9)
-    assert problem.reaction(scene.facet_tags.find(BOTTOM))[1] == pytest.approx(1000.0, rel=1e-10)
-
-
 @pytest.mark.parametrize("component", ["x", None])
 def test_quadratic(comm, component):
     """At finite strain a plate that tilts or is glued keeps Newton's convergence, and its shape."""
@@ -184,27 +172,6 @@ def test_force_and_displacement_lead_the_same_way(comm):
     at = np.isin(led["load"], u)
     assert led["force"][at] == pytest.approx(12.0 * history["load"], rel=1e-3)
     assert led["tilt"][at] == pytest.approx(history["tilt"], rel=1e-3)
-
-
-def test_opens_on_demand(comm):
-    """The plate goes on with the nodes of facets that open beside it."""
-    scene = two_blocks(comm, "quadrilateral", 3)
-    bond = vmdg.Debonding(strength=10.0, critical_gap=0.05)
-    problem = joined(scene, bond, ONE, {"activate": "on-demand"})
-    hold(problem, scene, LEFT, component="x")
-    hold(problem, scene, BOTTOM, component="y")
-    top = scene.facet_tags.find(TOP)
-    plate = problem.rigid_face(top, "y", tilts=True, at=(1.0, 1.0))
-    end = scene.facet_tags.find(RIGHT)
-    problem.dirichlet(end, lambda t: 0.02 * t, "x")
-    before = problem.u
-    vmdg.solve(problem, np.linspace(0.1, 1.0, 10))
-    assert problem.u is not before
-    x, u = motion(problem, top)
-    assert u[:, 1] == pytest.approx(
-        plate.displacement() + plate.rotation() * (x[:, 0] - 1), abs=1e-13
-    )
-    assert problem.reaction(top)[1] == pytest.approx(0.0, abs=1e-6)
 
 
 # Supports

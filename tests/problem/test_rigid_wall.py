@@ -112,51 +112,6 @@ def test_pulled_off(comm, cell):
     assert energy.external == pytest.approx(P_C * GAP / 2, rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("options", "kinematics"),
-    [
-        ({"plane": "stress", "thickness": 0.5}, "finite"),
-        ({"volumetric": "mean"}, "finite"),
-        ({"activate": "on-demand"}, "small"),
-    ],
-    ids=str,
-)
-def test_with_other_features(comm, kinematics, options):
-    """The force before and on the way to the end of the bond is that of a stiff wall."""
-    forces = []
-    for stiff in (np.inf, 1e6):
-        hard = None if stiff == np.inf else vmdg.NeoHookean(E=stiff * E, nu=0.0)
-        problem, facets = bar(comm, "quadrilateral", kinematics, hard, **options)
-        if hard is not None:
-            problem.dirichlet(facets.find("wall"), lambda t: (t, 0.0))
-        force = lambda p, f=facets: {"F": p.reaction(f.find("left"))[0]}  # noqa: E731
-        table = vmdg.solve(problem, [0.01, 0.1, 0.2], monitor=force).history
-        rows = [table["load"].tolist().index(load) for load in (0.01, 0.1, 0.2)]
-        forces.append(np.asarray(table["F"])[rows])
-    assert np.abs(forces[0]).min() > 1.0
-    assert forces[1] == pytest.approx(forces[0], rel=1e-4)
-
-
-@pytest.mark.parametrize("first", [True, False])
-def test_wall_on_either_side(comm, first):
-    """As side 1 it is what it is as side 2, with N and T the other way round."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    wall = vmdg.Rigid((-0.01, 0.0) if not first else (0.01, 0.0))
-    bodies = {1: wall, 2: BODY} if first else {1: BODY, 2: wall}
-    touch = vmdg.Interface(between=(1, 2), law=vmdg.Contact())
-    problem = vmdg.Problem(scene.mesh, scene.cell_tags, bodies, [touch])
-    problem.dirichlet(scene.facet_tags.find(RIGHT if first else LEFT), 0.0)
-    vmdg.solve(problem, [1.0])
-    stress = E * 0.01 * (1 + 0.01 / 2)
-    pressure = problem.state[0].traction[:, 0]
-    assert pressure == pytest.approx(np.full(len(pressure), -stress), rel=1e-4)
-    force = problem.reaction(scene.facet_tags.find(LEFT if first else RIGHT))
-    assert force[0] == pytest.approx((1 if first else -1) * problem.mean(0).area * stress, rel=1e-4)
-    assert problem.reaction(scene.facet_tags.find(RIGHT if first else LEFT)) == pytest.approx(
-        -force
-    )
-
-
 def test_wall_without_interface(comm):
     """It holds its neighbours by their common nodes, and at small strain it may turn."""
     scene = two_blocks(comm, "triangle", 2)

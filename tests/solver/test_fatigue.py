@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from mpi4py import MPI
 
 import numpy as np
@@ -11,8 +9,6 @@ import pytest
 from support import bar
 
 import vmdg
-from vmdg.meshes import beams
-from vmdg.meshes.beams import INTERFACE, RIGHT
 
 LAW = vmdg.FatigueDebonding(100.0, 100.0, 1.0, 1.0)
 
@@ -42,41 +38,6 @@ def test_bar_under_dead_load():
         vmdg.solve(problem, [100.0 * p + 1.2 * life], options)
     # early, with steps that long
     assert 0.9 * life < problem.t - 100.0 * p < life
-
-
-def test_line_of_paris():
-    """da/dN of a cracked beam over G: the slope is beta/2, the factor of the length of the zone."""
-    law = vmdg.FatigueDebonding(40.0, 40.0, 0.28, 0.28)
-    h, a_0, stations, counts = 1.5, 20.0, (0.0, 18.0, 20.0, 30.0, 45.0), (9, 4, 25, 8)
-    scene = beams(MPI.COMM_SELF, "quadrilateral", stations, counts, h, 1, a_0)
-    body = vmdg.NeoHookean(E=120e3, nu=0.3)
-    interface = vmdg.Interface(scene.facet_tags.find(INTERFACE), law=law)
-    problem = vmdg.Problem(
-        scene.mesh, scene.cell_tags, {1: body, 2: body}, [interface], 2, kinematics="small"
-    )
-    for side in (-1.0, 1.0):
-
-        def end(x, side=side):
-            return np.isclose(x[0], 0.0) & np.isclose(x[1], side * h)
-
-        problem.dirichlet_points(end, lambda t, side=side: side * 0.335 * min(t, 1.0), "y")
-    problem.dirichlet(scene.facet_tags.find(RIGHT), 0.0)
-    crack = vmdg.CrackGrowth(problem, interface, start=a_0)
-    static = vmdg.solve(problem, [0.5, 1.0], monitor=lambda problem: crack())
-    options = vmdg.SolveOptions(cycles=1.0)
-    far = lambda problem: crack.length > a_0 + 6  # noqa: E731
-    result = vmdg.solve(
-        problem, [1e9], options, lambda problem: crack(), history=static.history, until=far
-    )
-    N, a, G = (result.history[name] for name in ("load", "crack", "mode_1"))
-    at = np.searchsorted(a, np.linspace(a_0 + 1, a_0 + 5.5, 7))
-    speed, share = np.diff(a[at]) / np.diff(N[at]), np.sqrt(G[at][1:] * G[at][:-1]) / 0.28
-    slope, factor = np.polyfit(np.log(share), np.log(speed), 1)
-    wear = law.wear(1.0, 0.0)
-    assert slope == pytest.approx(wear.exponent / 2, rel=0.03)
-    length = math.exp(factor - wear.log_rate(1.0, law.life))
-    zone = result.history["zone"][at].mean()
-    assert 0.6 * zone < length < zone
 
 
 def test_cycles_need_a_law_that_feels_them():

@@ -81,16 +81,6 @@ def piecewise(knots: list[float]) -> Callable[[float], float]:
     return lambda t: float(np.interp(t, np.arange(len(knots)), knots))
 
 
-PROGRAMMES = {
-    "triangle": [0.0, 0.075, 0.0],
-    "triangles": [0.0, 0.05, 0.02, 0.075, 0.03, 0.1],
-    "hold": [0.0, 0.06, 0.06, 0.09],
-    "step and hold": [0.0, 0.05, 0.05, 0.07, 0.07, 0.1, 0.1],
-    "second opening": [0.0, 0.06, 0.01, 0.11],
-    "closed in between": [0.0, 0.07, -0.02, 0.1],
-}
-
-
 def check(comm: MPI.Comm, law: vmdg.Debonding, kinematics: str, knots: list[float], loads) -> None:
     """A run keeps the programme, damages what the closed form says, and nothing that unloads."""
     way = piecewise(knots)
@@ -102,21 +92,6 @@ def check(comm: MPI.Comm, law: vmdg.Debonding, kinematics: str, knots: list[floa
     assert history["damage"] == pytest.approx(bears(law, kinematics, ways), abs=1e-7)
     fell = np.diff(ways) < 0
     assert not np.diff(history["damage"])[fell].any()
-
-
-@pytest.mark.parametrize(
-    ("name", "unloading", "kinematics", "steps"),
-    [
-        (name, *(("plastic", "finite", 3), ("secant", "small", 4))[i % 2])
-        for i, name in enumerate(PROGRAMMES)
-    ],
-)
-def test_programmes(comm, name, unloading, kinematics, steps):
-    """The load factor goes on while the way turns, holds and goes further."""
-    knots = PROGRAMMES[name]
-    law = vmdg.Debonding(STRENGTH, 0.12, unloading=unloading)
-    loads = np.arange(1, steps * (len(knots) - 1) + 1) / steps
-    check(comm, law, kinematics, knots, loads)
 
 
 @settings(max_examples=8)
@@ -302,58 +277,6 @@ def test_snaps_behind_a_kink_of_the_programme(comm, ways):
 
 
 # Units
-
-
-def joint(comm: MPI.Comm, lengths: float, forces: float, factors: float):
-    """A bonded joint that slides apart, in other units; rows, counts and forces in those of 1."""
-    mesh, cells, facets = blocks(comm, "quadrilateral", (4, 8), interface=(0.8, 1.2))
-    mesh.geometry.x[:] *= lengths
-    stress = forces / lengths**2
-    law = vmdg.Debonding(10.0 * stress, 2e-3 * lengths, friction=0.3)
-    bodies = {
-        i: vmdg.NeoHookean(E=E * stress, nu=nu) for i, E, nu in [(1, 2e3, 0.3), (2, 8e3, 0.2)]
-    }
-    bond = vmdg.Interface(between=(1, 2), law=law)
-    problem = vmdg.Problem(mesh, cells, bodies, [bond], thickness=lengths)
-
-    def moved(x: np.ndarray, t: float) -> np.ndarray:
-        a = t / factors * lengths
-        return np.array([a * (0.5 + x[1] / lengths), 0.4 * a + 0 * x[1]])
-
-    problem.dirichlet(facets.find(1), 0.0)
-    problem.dirichlet(facets.find(2), moved)
-    loads = factors * np.linspace(0.002, 0.008, 4)
-    result = vmdg.solve(
-        problem, loads, monitor=lambda p: {"force": p.reaction(facets.find(2))[0] / forces}
-    )
-    history = result.history
-    return history["load"] / factors, history["force"], result.counts, len(result.failures)
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::vmdg.ModelWarning")
-def test_units_do_not_matter(comm):
-    """Powers of two change no rounding: the same rows, counts and forces to their last digits.
-
-    On several ranks MUMPS adds in the order in which messages arrive: the same run twice, in the
-    same units, may differ by a correction.
-    """
-    loads, force, *work = joint(comm, 1.0, 1.0, 1.0)
-    # Snaps are followed: the work on bonds leads.
-    assert len(loads) > 4
-
-    @settings(max_examples=1)
-    @given(*(st.integers(-20, 20) for _ in range(3)))
-    @example(0, 10, 0)
-    @example(-6, 0, 20)
-    def the_same(lengths: int, forces: int, factors: int) -> None:
-        others, scaled, *other_work = joint(comm, *(2.0**n for n in (lengths, forces, factors)))
-        assert len(others) == len(loads)
-        assert work == other_work or comm.size > 1
-        assert others == pytest.approx(loads, rel=1e-9)
-        assert scaled == pytest.approx(force, rel=1e-9, abs=1e-9 * np.abs(force).max())
-
-    the_same()
 
 
 @pytest.mark.parametrize("factor", [1e-12, 1e15])

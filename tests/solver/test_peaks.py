@@ -9,6 +9,7 @@ from support.bar import STRENGTH
 from weak_links import bundle
 
 import vmdg
+from vmdg.solver.peak import Place, vertex
 
 LAWS = {
     "ductile": vmdg.Debonding(STRENGTH, 0.1),
@@ -68,3 +69,10 @@ def test_derivatives_at_a_peak(comm):
     # By a factor on both E.
     assert history["d force/d NeoHookean.E"][row] == pytest.approx(0.0, abs=1e-6 * STRENGTH)
     assert np.isin([0.02, 0.05, 0.15], history["load"]).all()
+
+
+def test_vertex():
+    """That of a parabola, exactly; without a maximum the last state."""
+    for sign, expected in ((-1, Place(1.3, 7.0)), (1, Place(3.0, 7 + 1.7**2))):
+        three = [Place(x, 7 + sign * (x - 1.3) ** 2) for x in (0.0, 1.0, 3.0)]
+        assert vertex(three) == pytest.approx(expected, rel=1e-14)

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 import ufl
 from support.budgets import over_budget
-from support.problems import rotation
 
 import vmdg
-from vmdg.base.parallel import global_max
 from vmdg.meshes import blocks
 from vmdg.solver.corrector import Corrector
 from vmdg.solver.iterate import Iterate
@@ -67,33 +65,6 @@ def test_a_correction_beyond_the_work_of_a_step(comm):
     assert iterate(low / 1.9).allowed(nothing, apart, 0.02) == 0.02
     assert iterate(low / 20).allowed(nothing, apart, 0.02) < 0.02
     corrector.free()
-
-
-def turning(move: float, angle: float):
-    """Displacement of points that move along x up to t = 1 and then turn by ``angle`` a unit."""
-
-    def displacement(x, t):
-        moved = x[:2] + np.array([[move * min(t, 1.0)], [0.0]])
-        return rotation(2, angle * max(t - 1.0, 0.0)) @ moved - x[:2]
-
-    return displacement
-
-
-@pytest.mark.parametrize("degrees", [33.0, 50.0])
-def test_rotation_in_coarse_steps(comm, degrees):
-    """A loaded bond turned by much in a step comes out as it was, however often that is cut.
-
-    The linear predictor stretches the bodies by a fifth and more and breaks the bond. From there
-    Newton's method finds an equilibrium of strained bodies that only tau_s of before allows, 50
-    degrees away with 2e5 times the energy: such steps are refused.
-    """
-    law = vmdg.Debonding(strength=2.0, critical_gap=0.0025)
-    angle = np.radians(degrees)
-    problem = squares(comm, law, turning(0.0, angle), turning(0.001, angle))
-    stored = []
-    vmdg.solve(problem, [1.0, 2.0, 3.0], monitor=lambda p: stored.append(p.energy().stored))
-    assert stored == pytest.approx([stored[0]] * len(stored), rel=1e-6)
-    assert global_max(comm, problem.state[0].softening.max(initial=0.0)) == 0
 
 
 def test_a_target_that_is_never_reached(comm):

@@ -68,38 +68,3 @@ def test_a_load_that_turns_back_unloads(comm, control):
         slope = bar.E / (1 - bar.NU**2) / 2
         assert pytest.approx(history["traction"][top] - slope * (0.06 - t), rel=1e-8) == T
         assert history["gap"][row] == pytest.approx(history["gap"][top], rel=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("name", "control"), [("linear", "auto"), ("exponential", "load"), ("BK secant", "dissipation")]
-)
-def test_unloading_goes_to_the_origin_and_costs_nothing(comm, name, control):
-    """Up, down, up as far, further: T = T_max zeta/zeta_max below the largest gap."""
-    critical_gap = 0.12
-    problem = bar.with_law(comm, LAWS[name](critical_gap), "small")
-    loads = [0.03, 0.05, 0.06, 0.04, 0.01, 0.03, 0.0, 0.06, 0.07]
-    options = vmdg.SolveOptions(**OPTIONS, control=control)
-    history = vmdg.solve(problem, loads, options, bar.means).history
-    rows = [list(history["load"]).index(0.06)]
-    rows += list(range(rows[0] + 1, len(history)))
-    top = rows[0]
-    slope = history["traction"][top] / history["gap"][top]
-    assert history["traction"][top] == pytest.approx(
-        softened(name, history["gap"][top], critical_gap), rel=1e-8
-    )
-    below = [row for row in rows if history["load"][row] <= 0.06]
-    assert len(below) >= 6
-    for row in below:
-        T, gap = history["traction"][row], history["gap"][row]
-        assert pytest.approx(slope * gap, rel=1e-7, abs=1e-8) == T
-        assert history["damage"][row] == pytest.approx(history["damage"][top], abs=1e-9)
-    last = softened(name, history["gap"][-1], critical_gap)
-    assert history["traction"][-1] == pytest.approx(last, rel=1e-8)
-    assert history["damage"][-1] > history["damage"][top]
-    # linear bodies and a spring: what goes in on the way up again is stored
-    stored = history["bulk"] + history["interface"]
-    zero = list(history["load"]).index(0.0)
-    assert stored[zero] == pytest.approx(0.0, abs=1e-9)
-    again = zero + 1 + list(history["load"][zero + 1 :]).index(0.06)
-    given = history["external"][again] - history["external"][zero]
-    assert given == pytest.approx(stored[top], rel=1e-7)

@@ -205,10 +205,15 @@ def through(problem: vmdg.Problem, *motions: Callable[[], None]) -> vmdg.Problem
 
 
 def partly_damaged(comm, cell: str, degree: int, **options):
-    """Second step of a state in which some points were damaged and go on, and others are whole."""
+    """Second step of a state in which some points were damaged and go on, and others are whole.
+
+    ``interface`` are options of the bond, ``loads`` is called with problem and scene.
+    """
     options["degree"] = degree
+    load = options.pop("loads", lambda problem, scene: None)
     # the probe must have the r of the problem, whose H is another
-    fixed = {"safety": 4.0, "frame": options.pop("frame", "reference")}
+    fixed = {"safety": 4.0, "frame": options.pop("frame", "reference"), "name": "bond"}
+    fixed |= options.pop("interface", {})
     if options.get("periodic"):
         mesh = unit_box(comm, cell, 2)
         scene = TaggedMesh(
@@ -221,6 +226,7 @@ def partly_damaged(comm, cell: str, degree: int, **options):
     if options.get("symmetry"):
         scene.mesh.geometry.x[:, 0] += 0.5
     probe = joined(scene, STRONG, interface=fixed, **options)
+    load(probe, scene)
     displace(probe, scene, 1.0)
     probe.step.assemble_residual(hold=True)
     sizes = np.sort(np.linalg.norm(gather(comm, probe.state[0].traction), axis=1))
@@ -231,4 +237,5 @@ def partly_damaged(comm, cell: str, degree: int, **options):
     # H = 1000 MPa/mm, below every r here; no point is near separation at these openings.
     law = vmdg.Debonding(strength=strength, critical_gap=strength / 1000.0)
     problem = joined(scene, law, interface=fixed, **options)
+    load(problem, scene)
     return through(problem, *(lambda s=s: displace(problem, scene, s) for s in (1.0, 1.02)))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from itertools import combinations, product
 
 from mpi4py import MPI
@@ -60,6 +61,25 @@ def pairs(**values: Sequence) -> pytest.MarkDecorator:
         missing -= met(row)
         chosen.append([choice[i] for choice, i in zip(values.values(), row, strict=True)])
     return pytest.mark.parametrize(names, chosen)
+
+
+def pairs_of_features(
+    features: Iterable[str], exclude: Sequence[Set[str]], each: int = 1
+) -> list[tuple[str, str]]:
+    """Pairs in which every feature occurs ``each`` times or more, the same on every rank, none of
+    two that exclude each other; VMDG_PAIRS=all takes all of them, VMDG_SEED chooses others."""
+    every = [p for p in combinations(features, 2) if not any(row >= set(p) for row in exclude)]
+    if os.environ.get("VMDG_PAIRS") == "all":
+        return every
+    random = np.random.default_rng(int(os.environ.get("VMDG_SEED", "1")))
+    every = [every[i] for i in random.permutation(len(every))]
+    found: list[tuple[str, str]] = []
+    left = dict.fromkeys(features, each)
+    while any(left.values()):
+        found.append(max(every, key=lambda pair: sum(left[name] > 0 for name in pair)))
+        every.remove(found[-1])
+        left |= {name: max(left[name] - 1, 0) for name in found[-1]}
+    return found
 
 
 LEFT, RIGHT = 1, 2  # facet tags of the ends

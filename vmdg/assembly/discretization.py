@@ -402,9 +402,6 @@ class Discretization:
 
         At the state of the last :meth:`assemble_tangent`, whose matrix contains w only.
 
-        Args:
-            gradient: E (n, n).
-
         Returns:
             Owned dofs [N].
         """

@@ -30,11 +30,7 @@ _MOST = 100
 
 
 class PointEvaluator:
-    """A material and how it is asked.
-
-    Args:
-        dt: Time step [s].
-    """
+    """A material and how it is asked."""
 
     def __init__(self, material: PointMaterial, dt: float, small: bool, plane_stress: bool):
         self._material, self._dt, self._small = material, dt, small

@@ -103,9 +103,6 @@ class ContactNodes:
     def balance(self, dt: float) -> bool:
         """Move the nodes into equilibrium and assemble the residual; collective.
 
-        Args:
-            dt: Time step of the return maps [s].
-
         Returns:
             Whether that has succeeded.
         """

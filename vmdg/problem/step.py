@@ -129,11 +129,7 @@ class Step:
         self._loading.move(t)
 
     def march(self, t: float, dt: float) -> None:
-        """Begin a step to ``t`` that is neither iterated on nor cancelled, with tau_s as it is.
-
-        Args:
-            dt: Time step [s].
-        """
+        """Begin a step to ``t`` that is neither iterated on nor cancelled, with tau_s as it is."""
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, False, 0.0)
         for active in self.discretization.active.values():
@@ -217,9 +213,6 @@ class Step:
         collective.
 
         The predictor assumes that they open; overlapping points are then treated as sticking.
-
-        Args:
-            dt: Time step of the return maps [s].
         """
         failing = self._failing()
         touching = [touching_points(active) for active in failing]

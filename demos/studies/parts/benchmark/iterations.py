@@ -5,7 +5,6 @@ solver, multigrid with new coarse matrices on an interpolation that is kept. It 
 
 * with plain finite elements, once with a tie, once with every point of the interface at work: the
   left half opens and is damaged, the right half is pressed, slides and rubs;
-* where bodies flow at every point, with elastic ones: a tie makes their tangent unsymmetric;
 * where bodies are meshed separately, with one mesh: the nodes of the upper body are moved along the
   interface by up to two fifths of a cell, so that its facets meet two of the others in the plane
   and four in space. Surfaces that slide are paired again in every residual, and each finds a
@@ -17,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import count
-from time import process_time
 from typing import Any
 
 from petsc4py import PETSc
@@ -53,14 +51,6 @@ MESHES = {"2D": ("quadrilateral", (96, 96), 48), "3D": ("hexahedron", (22, 22, 2
 BOND = vmdg.Debonding(strength=10.0, critical_gap=1.0, friction=0.3)
 OPENING, PRESSED = 0.05, 0.03
 AT_WORK = (vmdg.Mode.TENSION, vmdg.Mode.SHEAR, vmdg.Mode.FRICTION)
-
-#: Plastic bodies.
-NU, YIELD = 0.3, 8.0  # -, MPa
-METALS = {
-    "J2, linear": vmdg.J2(1000.0, NU, YIELD, hardening=50.0),
-    "J2, Voce": vmdg.J2(1000.0, NU, YIELD, hardening=50.0, saturation=12.0, exponent=20.0),
-    "DruckerPrager": vmdg.DruckerPrager(1000.0, NU, 4.0, 30.0, hardening=50.0),
-}
 
 #: Separate meshes: cells in every direction, half of the last one below the interface; in space
 #: small blocks, of which the interface is a large part, and blocks three times as fine.
@@ -258,63 +248,6 @@ def with_plain(
         tuple(steps[name]["solve"].effort for name in ("plain", "vmdg")),
         more | {"a step more [ms]": 1e3 * step},
     )
-
-
-# Plastic bodies
-
-
-def points_a_second(material: vmdg.PointMaterial, small: bool, repeats: int) -> float:
-    """How many points a material answers, all of which flow, in batches as in a run."""
-    rng, n = np.random.default_rng(0), 2048
-    H = 0.02 * rng.normal(size=(n, 3, 3))
-    H -= np.trace(H, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
-
-    def F(size: float) -> np.ndarray:
-        G = size * H
-        return (G + G.transpose(0, 2, 1)) / 2 if small else np.eye(3) + G
-
-    state = material(F(1.0), material.start(n), np.inf, small).state
-    further, least = F(1.1), np.inf
-    for _ in range(5 * repeats):
-        start = process_time()
-        found = material(further, state, np.inf, small)
-        least = min(least, process_time() - start)
-    assert (found.state[:, 0] > state[:, 0]).mean() > 0.9
-    return n / least
-
-
-def of_plastic(small: bool, direct: bool, n: int, repeats: int, tied: bool = True) -> Cost:
-    """Plastic over elastic bodies: a cube of n x n x n hexahedra of degree 2."""
-    metals = {"elastic": BODY, "plastic": METALS["J2, Voce"]}
-    problems = {name: _cube(body, small, n, tied) for name, body in metals.items()}
-    steps = {name: iteration(problem, direct) for name, problem in problems.items()}
-    bodies = problems["plastic"].discretization.bodies.points
-    deformation = bodies.deformation(problems["plastic"].u)
-    alone = {"plastic": {"points": lambda: bodies.update(deformation, np.inf)}}
-    times, state = least_times(steps, repeats), bodies.state
-    pairs = zip(state.next, state.history, strict=True)
-    flowing = np.concatenate([after[:, 0] > before[:, 0] for after, before in pairs]).mean()
-    maps = 1e3 * least_times(alone, repeats)["plastic"]["points"]
-    words = "small" if small else "finite", "tied" if tied else "one body"
-    return Cost(
-        f"{', '.join(words)}, {'direct' if direct else 'multigrid'}",
-        times,
-        tuple(map(unknowns, problems.values())),
-        tuple(actions["solve"].effort for actions in steps.values()),
-        {"return maps [ms]": maps, "flowing": float(flowing)},
-    )
-
-
-def _cube(body: vmdg.Material, small: bool, n: int, tied: bool) -> vmdg.Problem:
-    tagged = layers("hexahedron", (n, n, n), np.ones(3), n // 2)
-    interfaces = [vmdg.Interface(between=(LOWER, UPPER), law=vmdg.Bonded())] if tied else []
-    bodies, kinematics = {LOWER: body, UPPER: body}, "small" if small else "finite"
-    problem = vmdg.Problem(
-        tagged.mesh, tagged.cell_tags, bodies, interfaces, degree=2, kinematics=kinematics
-    )
-    problem.dirichlet(_ends(tagged), 0.0)
-    problem.u.interpolate(_field(3, 0.0))
-    return problem
 
 
 # Separate meshes

@@ -12,7 +12,6 @@ from parts.stability.scenes import (
     Bond,
     Case,
     Cells,
-    OpenAndTurn,
     Path,
     Support,
     box,
@@ -371,75 +370,6 @@ def step_sizes(rng: Generator) -> Case:
     return Case("step sizes", f"{len(loads)} steps, {described(law)}", degree=degree, **inputs)
 
 
-def load_cycles(rng: Generator) -> Case:
-    """Random paths of the end: opening, closing, pressing, sliding, any law, any step."""
-    degree, mesh, tags = unit_pair(rng, FAILING)
-    law = random_law(rng, E, 1.0)
-    count = int(rng.integers(3, 8))
-    points = opening_scale(law) * rng.uniform(-1, 1, (count, mesh.d)) * log_uniform(rng, 0.3, 2)
-    points[:, 0] = np.maximum(points[:, 0], -0.02)
-    path = Path(np.vstack([np.zeros(mesh.d), points]))
-    small = (mesh.kind, degree) in LINEAR and rng.random() < 0.3
-    inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), 1.0)
-    inputs |= {
-        "supports": (Support(mesh.side(0, 0), 0.0), Support(mesh.side(0, -1), path)),
-        "loads": legs(count, int(rng.integers(1, 11))),
-        "kinematics": "small" if small else "finite",
-    }
-    return Case("load cycles", f"{count} legs, {described(law)}", degree=degree, **inputs)
-
-
-def dead_loads(rng: Generator) -> Case:
-    """Tractions with reversals on a free end, mostly below the strength."""
-    kind, degree = choose(rng, PLANE)
-    mesh, tags = block_pair(kind, rng, np.ones(2))
-    law = random_law(rng, E, 1.0)
-    inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), 1.0)
-    count = int(rng.integers(2, 7))
-    confined = rng.random() < 0.5
-    if confined:
-        points = law.strength * np.column_stack([rng.uniform(-3, 0.9, count), np.zeros(count)])
-    else:
-        points = law.strength * rng.uniform(-0.4, 0.4, (count, 2)) * log_uniform(rng, 0.3, 3)
-    path = Path(np.vstack([np.zeros(2), points]))
-
-    def deviation(problem: vmdg.Problem) -> float:
-        wanted = path(problem.t)
-        return float(np.abs(problem.mean(0).traction - wanted).max() / np.abs(wanted).max())
-
-    inputs |= {
-        "supports": (Support(mesh.side(0, 0), 0.0), *(rollers(mesh) if confined else ())),
-        "loads": legs(count, int(rng.integers(1, 8))),
-        "traction": path,
-        "exact": deviation if confined else None,
-    }
-    return Case("dead loads", f"{count} legs, {described(law)}", degree=degree, **inputs)
-
-
-def large_rotation(rng: Generator) -> Case:
-    """Opened in part, then turned by up to half a turn a leg."""
-    degree, mesh, tags = unit_pair(rng, FAILING)
-    law = random_law(rng, E, 1.0)
-    move = opening_scale(law) * rng.uniform(0.1, 0.8) * rng.uniform(-0.5, 1, mesh.d)
-    move[0] = abs(move[0])
-    axis = np.array([0.0, 0.0, 1.0])
-    if mesh.d == 3:
-        axis = rng.normal(size=3)
-        axis /= np.linalg.norm(axis)
-    turns = int(rng.integers(1, 4))
-    angle = rng.uniform(-np.pi, np.pi)
-    held = OpenAndTurn(np.zeros(mesh.d), axis, angle)
-    led = OpenAndTurn(move, axis, angle)
-    inputs = pulled(rng, mesh, tags, two_materials(rng), (Bond(law, (1, 2)),), 1.0)
-    steps = int(rng.integers(2, 13))
-    inputs |= {
-        "supports": (Support(mesh.side(0, 0), held), Support(mesh.side(0, -1), led)),
-        "loads": legs(1 + turns, steps),
-    }
-    what = f"{turns} x {np.degrees(angle):.0f} degrees in {steps} steps each, {described(law)}"
-    return Case("large rotation", what, degree=degree, unchanged_from=1.0, **inputs)
-
-
 def large_strain(rng: Generator) -> Case:
     """|H| up to 1: tied or strong, exact; or an end moved by as much, to any side, and back."""
     kind, degree = choose(rng, FAILING)
@@ -608,34 +538,6 @@ def corner_cells(rng: Generator) -> Case:
     return Case("two interfaces in a cell", what, degree=degree, **inputs)
 
 
-def axisymmetric(rng: Generator) -> Case:
-    """Half sections, from the axis or away from it; interfaces across and around the axis."""
-    kind, degree = choose(rng, {**LINEAR, ("quadrilateral", 2): 1})
-    inner = rng.choice([0.0, log_uniform(rng, 1e-3, 10)])
-    across = bool(rng.random() < 0.5)
-    n = 5
-    mesh = box(kind, (inner + np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1)))
-    position = mesh.midpoints[:, 1] if across else mesh.midpoints[:, 0] - inner
-    tags = np.where(position < rng.integers(1, n) / n, 1, 2)
-    mesh = distorted(mesh, rng, 0.7, np.zeros(0))
-    law = random_law(rng, E, 1.0)
-    materials = two_materials(rng, log_uniform(rng, 1, 100))
-    inputs = pulled(rng, mesh, tags, materials, (Bond(law, (1, 2)),), 1.0)
-    points = opening_scale(law) * rng.uniform(-1, 1.5, (3, 1))
-    moves = Path(np.vstack([[0.0], points]))
-    axial = 1
-    inputs |= {
-        "supports": (
-            Support(mesh.side(axial, 0), 0.0),
-            Support(mesh.side(axial, -1), lambda t: float(moves(t)[0]), axial),
-        ),
-        "loads": legs(3, int(rng.integers(2, 9))),
-        "symmetry": "axisymmetric",
-    }
-    what = f"r from {inner:.2g}, {'across' if across else 'around'} the axis, {described(law)}"
-    return Case("axisymmetric", what, degree=degree, **inputs)
-
-
 def on_demand(rng: Generator) -> Case:
     """Any facet between two cells may open: cracks find their way, in a body or between two."""
     kind, degree = choose(rng, {**LINEAR, ("triangle", 2): 1, ("quadrilateral", 2): 1})
@@ -668,23 +570,6 @@ def random_ogden(rng: Generator, modulus: float) -> vmdg.Ogden:
     exponents = rng.uniform([1, 2, -4], [3, 6, -1])
     c = shares * modulus / (1 + nu)
     return vmdg.Ogden(c=c, m=exponents, kappa=modulus / (3 * (1 - 2 * nu)))
-
-
-def ogden(rng: Generator) -> Case:
-    """Ogden bodies: an affine field, exact; or a bond that fails, up to |H| = 0.5."""
-    kind, degree = choose(rng, {**LINEAR, ("quadrilateral", 2): 0.5, ("hexahedron", 1): 0.5})
-    mesh, tags = block_pair(kind, rng, np.ones(dimension(kind)))
-    if rng.random() < 0.4:
-        size = log_uniform(rng, 0.01, 0.5)
-        mesh = distorted(mesh, rng, 0.4, np.array([split_plane(mesh, tags)]))
-        material = random_ogden(rng, E)
-        inputs = patch(rng, mesh, size, vmdg.Bonded(), 0.0, tags=tags, material=material)
-        return Case("Ogden", f"|H| = {size:.2f}, patch", degree=degree, **inputs)
-    law = random_law(rng, log_uniform(rng, 1, 10) * E, 1.0)
-    materials = {i: random_ogden(rng, E * log_uniform(rng, 1, 100)) for i in (1, 2)}
-    reach = min(1.5 * opening_scale(law), 0.5)
-    inputs = pulled(rng, mesh, tags, materials, (Bond(law, (1, 2)),), reach)
-    return Case("Ogden", described(law), degree=degree, **inputs)
 
 
 def viscous(rng: Generator) -> Case:

@@ -27,10 +27,6 @@ EPS = np.finfo(float).eps
 #: Residual relative to the reactions that no solution may exceed, and deviation from a closed form.
 LOOSE, EXACT = 1e-6, 1e-6
 
-#: What a rigid rotation may change, residuals of many steps together, and what another tau_s may on
-#: these coarse meshes.
-TURNED, MESH = 1e-5, 0.05
-
 #: Laws whose resistance follows from the length of the gap.
 RADIAL = (vmdg.Debonding, vmdg.ExponentialDebonding, vmdg.Contact)
 
@@ -498,29 +494,6 @@ def exact(run: Run) -> list[str]:
     return [f"off the closed form by {deviation:.2e}"] * (not deviation < EXACT + rounding)
 
 
-def objective(run: Run) -> list[str]:
-    """Under rigid motion nothing happens in the frame of the law.
-
-    The first step of the motion is the first with tau_s of the deformed body, which moves the
-    solution on by a small part of the error of the mesh; after that all is the same to TURNED.
-    """
-    start, found = run.case.unchanged_from, []
-    if start is None:
-        return []
-    before = [record for record in run.records if record.t == start]
-    later = [record for record in run.records if record.t > start]
-    for i, bond in enumerate(run.case.bonds):
-        sizes = {"softening": bond.law.strength, "traction": bond.law.strength}
-        sizes["gap"] = max([1e-12, *(np.abs(record.gap[i]).max() for record in before)])
-        for name, size in sizes.items():
-            for records, allowed in ((before + later[:1], MESH), (later, TURNED)):
-                values = [getattr(record, name)[i] for record in records]
-                off = max([0.0, *(np.abs(value - values[0]).max() / size for value in values)])
-                if off > allowed:
-                    found.append(f"{name} turns by {off:.1e}")
-    return found
-
-
 CHECKS: tuple[Callable[[Run], list[str]], ...] = (
     at_last_record,
     equilibrium,
@@ -531,5 +504,4 @@ CHECKS: tuple[Callable[[Run], list[str]], ...] = (
     energy_balance,
     exact,
     judged,
-    objective,
 )

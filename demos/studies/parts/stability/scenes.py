@@ -218,8 +218,6 @@ class Case:
     exact: Callable[[vmdg.Problem], float] | None = None
     refusal: str = ""  # Pattern of the error on input that is a correct answer; "" without one
     must_refuse: bool = False  # Whether nothing else is
-    # Load factor from which on all that happens is a rigid motion
-    unchanged_from: float | None = None
     options: vmdg.SolveOptions = field(default_factory=vmdg.SolveOptions)  # Of the run
     eigenstrain: Mapping[int, Any] | None = None  # As for :class:`vmdg.Problem`
     # Compares all rows of a run with an independent solution; says what is wrong
