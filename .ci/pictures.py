@@ -211,9 +211,11 @@ def make(name: str) -> bool:
         example = ROOT / "demos" / f"{script}.py"
         script = example if example.is_file() else example.parent / "studies" / example.name
         options += ["--out", str(folder)]
+    style = {"MATPLOTLIBRC": str(ROOT / "vmdg" / "plot" / "paper.mplstyle")}
     with open(folder / "log", "w") as log:
         run = [sys.executable, str(ROOT / script), *options]
-        done = subprocess.run(run, stdout=log, stderr=log, check=False).returncode == 0
+        kept = {"stdout": log, "stderr": log, "env": os.environ | style}
+        done = subprocess.run(run, check=False, **kept).returncode == 0
     for each in made.split() if done else ():
         source, _, target = each.partition("=")
         for file in folder.glob(source):

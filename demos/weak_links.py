@@ -91,7 +91,7 @@ def main(
     ax.set(xlim=(0, None), ylim=(0, None))
     ax.legend(loc="upper left")
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(f"{out}/weak_links.png", dpi=130)
+        figure.savefig(f"{out}/weak_links.png")
         print(f"results are in {out}")
     return histories
 

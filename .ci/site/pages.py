@@ -50,7 +50,6 @@ MODULES = (
     "vmdg.laws",
     "vmdg.meshes",
     "vmdg.plot",
-    "vmdg.plot.solids",
     "vmdg.forms.materials",
 )
 
