@@ -11,6 +11,7 @@ from dolfinx.plot import vtk_mesh
 from numpy.typing import NDArray
 
 from ..base.disk import replacing
+from ..base.words import pip_install
 
 #: Names of meshio for cells of degree 1 and 2.
 _CELLS = {
@@ -25,8 +26,7 @@ _CELLS = {
 def check_meshio() -> None:
     if find_spec("meshio") is None:
         raise ImportError(
-            "FieldWriter: format='vtu' needs meshio: pip install 'vmdg[mesh]', or pip install "
-            "meshio; format='bp' does not"
+            f"FieldWriter: format='vtu' needs meshio: {pip_install('meshio')}; format='bp' does not"
         )
 
 

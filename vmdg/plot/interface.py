@@ -103,7 +103,7 @@ def interface_map(
     limits: Limits | None = None,
     above: float = -np.inf,
     colorbar: bool = True,
-    colours: str = "inferno_r",
+    colours: str = "YlOrRd",
 ) -> Axes:
     """Draw all interfaces in the undeformed body by a quantity; collective.
 
@@ -132,7 +132,7 @@ def interface_map(
     corners, values = (np.concatenate([some[k] for some in every]) for k in (0, 2))
     corners, values = corners[values > above], values[values > above]
     solid = d == 3
-    cells, local = surface(problem) if solid else owned_cells(problem)
+    cells, local = surface(problem, faces=False) if solid else owned_cells(problem)
     (body,) = on_first_rank(problem, deformed_corners(problem, cells, local, 0.0))
     box, drawn = global_box(problem.comm, problem.mesh.geometry.x), None
     if not solid:

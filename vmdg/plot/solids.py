@@ -11,14 +11,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
+from matplotlib.transforms import offset_copy
 from numpy.typing import NDArray
 
+from ..base.words import pip_install
 from ..domain.topology import facet_cells, local_facets, outer_facets
 from ..output.corners import corners_of_local
 from ..problem.problem import Problem
 
 #: Direction from a body to its viewer; pixels of the longer side of a picture of it.
 VIEW, PIXELS = (-1.0, -1.3, 0.8), 1500
+#: Length of the arrows along x, y and z [points].
+ARROW = 22
 #: Angle between two facets from which the edge between them is drawn [degrees].
 EDGE = 30.0
 
@@ -28,7 +32,7 @@ def reason_against() -> str:
     try:
         import pyvista  # noqa: F401
     except ImportError as error:
-        return f"pictures of solids need PyVista ({error}): pip install pyvista"
+        return f"pictures of solids need PyVista ({error}): {pip_install('pyvista')}"
     if sys.platform != "linux" or os.environ.get("DISPLAY"):
         return ""
     windows = {"EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow"}
@@ -42,14 +46,14 @@ def reason_against() -> str:
     return ""
 
 
-def surface(problem: Problem) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Facets of owned cells on the boundary and on both faces of interfaces: cells (n,) and corner
-    numbers in them, in order around each facet (n, c); collective.
+def surface(problem: Problem, faces: bool = True) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Facets of owned cells on the boundary and, with ``faces``, on both faces of interfaces: cells
+    (n,) and corner numbers in them, in order around each facet (n, c); collective.
     """
     mesh = problem.mesh
     shown = outer_facets(mesh)
     for active in problem.discretization.active.values():
-        if not active.facets.paired:  # those are boundary facets
+        if faces and not active.facets.paired:  # those are boundary facets
             shown[active.facets.everywhere] = True
     facets = np.flatnonzero(shown).astype(np.int32)
     cells = facet_cells(mesh)[facets].ravel()
@@ -99,7 +103,9 @@ def draw_solid(
         ax.text(0.5, 0.5, reason, ha="center", va="center", wrap=True, transform=ax.transAxes)
         return drawn
     import pyvista
+    from vtkmodules.vtkRenderingCore import vtkMapper
 
+    vtkMapper.SetResolveCoincidentTopologyToPolygonOffset()  # lines are before their surfaces
     towards = np.asarray(view, dtype=float) / np.linalg.norm(view)
     up = np.array([0.0, 0.0, 1.0]) if abs(towards[2]) < 0.99 else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, towards)
@@ -140,7 +146,7 @@ def draw_solid(
     image = plotter.screenshot(return_img=True)
     plotter.close()
     ax.imshow(image)
-    _draw_axes(ax, screen, pixels)
+    _draw_axes(ax, screen)
     return drawn
 
 
@@ -150,15 +156,11 @@ def _polygons(pyvista: object, corners: NDArray[np.float64]) -> object:
     return pyvista.PolyData(corners.reshape(-1, 3), faces.ravel())
 
 
-def _draw_axes(ax: Axes, screen: NDArray[np.float64], pixels: NDArray[np.int_]) -> None:
+def _draw_axes(ax: Axes, screen: NDArray[np.float64]) -> None:
     """Directions of x, y and z, left of the picture."""
-    size = 0.14 * PIXELS
-    ends = size * screen.T * (1, -1)  # rows of an image run downwards
-    start = np.array([-ends[:, 0].max() - 0.03 * PIXELS, pixels[1] - ends[:, 1].max()])
-    for name, end in zip("xyz", ends, strict=True):
-        if np.linalg.norm(end) > 0.1 * size:
-            arrow = {"arrowstyle": "->", "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
-            ax.annotate("", start + end, start, arrowprops=arrow)
-            ax.text(*(start + 1.25 * end), name, ha="center", va="center")
-    ax.set_xlim(start[0] + 1.4 * min(ends[:, 0].min(), 0) - 10, pixels[0])
-    ax.set_ylim(max(pixels[1], start[1] + 1.4 * ends[:, 1].max()), 0)
+    start = offset_copy(ax.transAxes, ax.figure, x=-30, y=8, units="points")
+    for name, end in zip("xyz", ARROW * screen.T, strict=True):
+        if np.linalg.norm(end) > 0.1 * ARROW:
+            arrow = {"arrowstyle": "<-", "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
+            style = {"textcoords": "offset points", "ha": "center", "va": "center"}
+            ax.annotate(name, (0, 0), end, start, arrowprops=arrow, **style)

@@ -230,7 +230,7 @@ def seen_stress(problem: Problem, component: str) -> tuple[fem.Function, Compone
     largest = global_max(problem.comm, np.abs(tensors).max(initial=0.0))
     floor = NEGLIGIBLE * max(largest, _free_scale(problem))
     if 0 < global_max(problem.comm, np.abs(take(tensors)).max(initial=0.0)) <= floor:
-        return sigma, lambda tensors: np.zeros(len(tensors)), f"{label} (0: below {floor:.0e})"
+        return sigma, lambda tensors: np.zeros(len(tensors)), f"{label}\n(0: below {floor:.0e})"
     return sigma, take, label
 
 
