@@ -72,7 +72,7 @@ def main(
         if abs(row[f"{stress} [MPa]"]) > peak:
             peak = abs(row[f"{stress} [MPa]"])
             axes[1].clear()
-            vmdg.plot.interface_map(problem, "damage", axes[1], limits=(0, 1))
+            vmdg.plot.interface_map(problem, "damage", axes[1], (0, 1), above=0.0)
             axes[1].set_title(f"damage at the peak, {100 * problem.t:.2f} %")
         return row
 
