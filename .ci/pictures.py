@@ -159,9 +159,9 @@ TABLES = {
     ),
     "benchmark_precision.md": (
         "Errors and seconds of ties",
-        "A kinked solution in two bodies, moduli 10 : 1, that are tied by vmdg, by intrinsic springs "
-        "or continuous: unknowns, errors in L2 of u and GRAD u, and processor time of a solution "
-        "from rest and from the interpolated exact one.",
+        "A kinked solution in two bodies, moduli 10 : 1, that are continuous, tied by vmdg or by "
+        "intrinsic springs: unknowns, errors in L2 of u and GRAD u, and processor time of a "
+        "solution from rest and from the interpolated exact one.",
     ),
     "benchmark_intact.md": (
         "Errors of intact interfaces where they show most",

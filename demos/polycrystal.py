@@ -111,7 +111,7 @@ def main(
     curve, damage, stress = axes
     vmdg.plot.curve(history, "strain_xx", "stress_xx", curve, origin=True, color="black")
     vmdg.plot.interface_map(problem, "damage", damage, (0, 1), above=0.5 if solid else -1)
-    vmdg.plot.stress(problem, "xx", magnify=10, ax=stress)
+    vmdg.plot.stress(problem, "xx", 10, stress, (-STRENGTH / 2, STRENGTH))
     damage.set_title("boundaries at the end")
     if problem.comm.rank == 0:
         figure.savefig(f"{out}/polycrystal.png")

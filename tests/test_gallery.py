@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import runpy
 from fnmatch import fnmatch
 from pathlib import Path
+
+import numpy as np
 
 import vmdg
 
@@ -99,6 +102,35 @@ def test_numbers_in_the_text():
     ratios = [float(row[6]) for row in rows(found["benchmark_ratio"])]
     said = f"takes {min(ratios):.2f} to {max(ratios):.2f} times as long"
     assert said in readme and said in speed
+    with open(GALLERY / "benchmark_precision.csv") as file:
+        points = {(r["cell"], r["degree"], r["n"], r["method"]): r for r in csv.DictReader(file)}
+    for norm, name in (("l2", "(displacement)"), ("h1", "(its gradient")):
+        off = [
+            float(point[norm]) / float(points[(*key[:3], "plain")][norm]) - 1
+            for key, point in points.items()
+            if key[3] == "vmdg"
+        ]
+        said = f"{100 * max(map(abs, off)):.1f} % {name}"
+        assert said in readme and len(off) > 20 and max(off) < 0.003
+        assert said.partition(" (")[0] in accuracy
+    worst = {}
+    for row in rows(found["benchmark_intact"]):
+        kind = row[2], row[1] == "1"
+        errors = np.array([float(row[3]), float(row[5])])
+        worst[kind] = np.maximum(worst.get(kind, 0.0), errors)
+    for kind, words in {
+        ("Bonded", True): "{:.1f} % and {:.1f} % (ties)",
+        ("Debonding", False): "{:.1f} % and {:.1f} % (bonds of degrees 2 and 3)",
+        ("Debonding", True): "{:.0f} % and {:.0f} % (bonds of degree 1",
+    }.items():
+        assert words.format(*worst[kind]) in readme
+    good = {
+        k: [int(r[1]) for r in rows(found["benchmark_degree"]) if r[0] == k and float(r[5]) < 1.0]
+        for k in "12"
+    }
+    assert f"{min(good['2'])} unknowns of degree 2 and with {min(good['1']):,} of degree 1" in text(
+        "vmdg/HOWTO.md"
+    )
     studies = sum(int(row[2]) for row in rows(found["convergence"]))
     missed = sum(int(row[-1]) for row in rows(found["convergence"]))
     assert missed == 0

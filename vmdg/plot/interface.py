@@ -136,8 +136,9 @@ def interface_map(
     (body,) = on_first_rank(problem, deformed_corners(problem, cells, local, 0.0))
     box, drawn = global_box(problem.comm, problem.mesh.geometry.x), None
     if not solid:
-        around = PolyCollection(body[..., :2], facecolor="0.93", edgecolor="0.93", linewidth=0.3)
-        ax.add_collection(around)
+        (tags,) = on_first_rank(problem, shades(problem, cells))
+        greys = {"cmap": "gray", "clim": (0, 1), "edgecolor": "face", "linewidth": 0.3}
+        ax.add_collection(PolyCollection(body[..., :2], array=tags, **greys))
         drawn = LineCollection(corners[..., :2], array=values, cmap=colours, linewidths=2.0)
         drawn.set_clim(*(limits or (None, None)))
         ax.add_collection(drawn)
@@ -152,6 +153,16 @@ def interface_map(
     if colorbar and drawn is not None:
         add_colorbar(ax, drawn, LABELS[quantity] if isinstance(quantity, str) else "")
     return ax
+
+
+def shades(problem: Problem, cells: NDArray[np.int32]) -> NDArray[np.float64]:
+    """A light grey for every cell, by its body: 0 is black, 1 white."""
+    bodies = problem.discretization.bodies.cells_of
+    tags = sorted(set().union(*problem.comm.allgather(set(bodies))))
+    result = np.zeros(problem.mesh.topology.index_map(problem.mesh.topology.dim).size_local)
+    for tag, members in bodies.items():
+        result[members[members < len(result)]] = 0.96 - 0.14 * tags.index(tag) / len(tags)
+    return result[cells]
 
 
 def _along_label(problem: Problem, along: str) -> str:

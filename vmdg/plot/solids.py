@@ -135,6 +135,9 @@ def draw_solid(
     for facets, colour, junctions in ((corners, "black", True), (outline, "grey", False)):
         if facets is not None and len(facets):
             lines = _polygons(pyvista, facets).clean()
+            # Neighbours that are wound in opposite senses would have an edge between them.
+            alike = {"consistent_normals": True, "non_manifold_traversal": False}
+            lines = lines.compute_normals(point_normals=False, **alike)
             lines = lines.extract_feature_edges(EDGE, non_manifold_edges=junctions)
             if lines.n_cells:
                 plotter.add_mesh(lines, color=colour, line_width=3.0, lighting=False)
