@@ -111,6 +111,8 @@ def main(
     figure, grid = plt.subplots(2, columns, figsize=(9, 7), layout="constrained")
     axes = grid.ravel()[: len(shown) + 1]
     panels = dict(zip(shown, axes, strict=False))
+    for ax in grid.ravel()[len(axes) :]:
+        ax.set_axis_off()
 
     def show(problem: vmdg.Problem, strain: float) -> None:
         style = {"limits": limits, "colorbar": strain in shown[columns - 1 :: columns]}
