@@ -25,7 +25,7 @@ from ..output.values import (
 )
 from ..points.interface import Which, number_of
 from ..problem.problem import Problem
-from .solids import draw_solid, surface
+from .solids import draw_solid, surface, widen
 from .stress import (
     Limits,
     add_colorbar,
@@ -115,7 +115,7 @@ def interface_map(
         problem: The problem.
         quantity: As for :func:`interface_profile`.
         ax: Axes, of two dimensions also for solids; None for a new figure.
-        limits: Values at both ends of the colours; None for the full range.
+        limits: Values at both ends of the colours; None for the full range, of damage 0 to 1.
         above: Omit facets with a value that is not larger, which would hide others in a solid.
         colorbar: Whether to add a colour bar.
         colours: Name of a colour map.
@@ -128,6 +128,7 @@ def interface_map(
     """
     d = problem.mesh.geometry.dim
     ax = plt.subplots(layout="constrained")[1] if ax is None else ax
+    limits = (0.0, 1.0) if limits is None and quantity == "damage" else limits
     every = [_open_facets(problem, i, quantity) for i in range(len(problem.interfaces))]
     corners, values = (np.concatenate([some[k] for some in every]) for k in (0, 2))
     corners, values = corners[values > above], values[values > above]
@@ -141,6 +142,7 @@ def interface_map(
         ax.add_collection(PolyCollection(body[..., :2], array=tags, **greys))
         drawn = LineCollection(corners[..., :2], array=values, cmap=colours, linewidths=2.0)
         drawn.set_clim(*(limits or (None, None)))
+        widen(drawn)
         ax.add_collection(drawn)
         ax.autoscale()
         ax.set_aspect("equal")

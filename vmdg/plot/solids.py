@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.transforms import offset_copy
+from matplotlib.transforms import nonsingular, offset_copy
 from numpy.typing import NDArray
 
 from ..base.words import pip_install
@@ -63,6 +63,14 @@ def surface(problem: Problem, faces: bool = True) -> tuple[NDArray[np.int32], ND
     return cells[owned], corners_of_local(mesh, local)
 
 
+def widen(drawn: ScalarMappable) -> None:
+    """Let colours range over all values, and around a value that is the only one."""
+    drawn.autoscale_None()
+    low, high = drawn.get_clim()
+    if low == high:
+        drawn.set_clim(*nonsingular(low, high, expander=0.1))
+
+
 def draw_solid(
     ax: Axes,
     corners: NDArray[np.float64],
@@ -96,7 +104,7 @@ def draw_solid(
         raise ValueError("solids are drawn into axes without projection='3d'")
     drawn = ScalarMappable(Normalize(*limits), colours)
     drawn.set_array(values)
-    drawn.autoscale_None()
+    widen(drawn)
     ax.set(xticks=[], yticks=[])
     ax.spines[:].set_visible(False)
     if reason := reason_against():

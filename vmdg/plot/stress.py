@@ -27,7 +27,7 @@ from ..output.corners import (
 )
 from ..output.history import History
 from ..problem.problem import Problem
-from .solids import VIEW, draw_solid, surface
+from .solids import VIEW, draw_solid, surface, widen
 
 Limits = tuple[float, float]
 Component = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -184,7 +184,8 @@ def extent(box: NDArray[np.float64]) -> str:
 
 
 def add_colorbar(ax: Axes, drawn: ScalarMappable, label: str = "") -> None:
-    """Add a colour bar as long as the adjacent side of the axes, above a flat body.
+    """Add a colour bar as long as the adjacent side of the axes, above a flat body; it is pointed
+    where values lie beyond its end.
 
     It belongs to the axes, since the layout of a figure does not account for equal scales along x
     and y.
@@ -205,7 +206,12 @@ def add_colorbar(ax: Axes, drawn: ScalarMappable, label: str = "") -> None:
         return TransformedBbox(bounds, ax.transAxes - ax.figure.transSubfigure)
 
     bar.set_axes_locator(place)
-    ax.figure.colorbar(drawn, cax=bar, label=label, location="top" if flat else "right")
+    (low, high), values = drawn.get_clim(), np.asarray(drawn.get_array())
+    rounding = 1e-6 * (high - low)
+    beyond = (values < low - rounding).any(), (values > high + rounding).any()
+    ends = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[beyond]
+    where = "top" if flat else "right"
+    ax.figure.colorbar(drawn, cax=bar, label=label, location=where, extend=ends)
 
 
 def axis_names(problem: Problem) -> str:
@@ -297,6 +303,7 @@ def _draw_smooth(ax: Axes, polygons: NDArray, values: NDArray, limits: Limits | 
     x, y = polygons.reshape(-1, 2).T
     mesh = TriMesh(Triangulation(x, y, triangles), array=values.ravel())
     mesh.set_clim(*(limits or (None, None)))
+    widen(mesh)
     ax.set_aspect("equal")
     return _add_flat(ax, mesh, polygons)
 
