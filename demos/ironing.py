@@ -91,7 +91,7 @@ def main(cells: int = 60, steps: int = 60, end: float = 2.0, out: str = "results
     for k, (name, forces) in enumerate(PUBLISHED.items()):
         curve.plot(2 * [1.0, 1.5], np.ravel(forces), "ov^sDx"[k], color="0.4", ms=4, label=name)
     curve.set(xlabel="load factor: pressed until 1, then drawn along", ylabel="force [N/mm]")
-    curve.legend(loc="upper left", ncols=2, bbox_to_anchor=(0, 1.35))
+    figure.legend(loc="outside upper left", ncols=4)
     vmdg.plot.stress(problem, "mises", ax=bodies)
     figure.savefig(Path(out) / "ironing.png")
     print(f"last forces {history['down'][-1]:.4g} N/mm down, {history['along'][-1]:.4g} along")

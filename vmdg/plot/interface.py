@@ -25,7 +25,7 @@ from ..output.values import (
 )
 from ..points.interface import Which, number_of
 from ..problem.problem import Problem
-from .solids import draw_solid, surface, widen
+from .solids import axes_of, draw_solid, surface, widen
 from .stress import (
     Limits,
     add_colorbar,
@@ -127,7 +127,7 @@ def interface_map(
         ValueError: unknown ``quantity``, or axes of three dimensions.
     """
     d = problem.mesh.geometry.dim
-    ax = plt.subplots(layout="constrained")[1] if ax is None else ax
+    ax = axes_of(ax)
     limits = (0.0, 1.0) if limits is None and quantity == "damage" else limits
     every = [_open_facets(problem, i, quantity) for i in range(len(problem.interfaces))]
     corners, values = (np.concatenate([some[k] for some in every]) for k in (0, 2))

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from ctypes.util import find_library
 
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -71,6 +72,15 @@ def widen(drawn: ScalarMappable) -> None:
         drawn.set_clim(*nonsingular(low, high, expander=0.1))
 
 
+def axes_of(ax: Axes | None) -> Axes:
+    """The given axes, or those of a new figure."""
+    if ax is None:
+        return plt.subplots(layout="constrained")[1]
+    if ax.name == "3d":
+        raise ValueError("solids are drawn into axes without projection='3d'")
+    return ax
+
+
 def draw_solid(
     ax: Axes,
     corners: NDArray[np.float64],
@@ -100,8 +110,6 @@ def draw_solid(
     Returns:
         What a colour bar needs.
     """
-    if ax.name == "3d":
-        raise ValueError("solids are drawn into axes without projection='3d'")
     drawn = ScalarMappable(Normalize(*limits), colours)
     drawn.set_array(values)
     widen(drawn)

@@ -27,7 +27,7 @@ from ..output.corners import (
 )
 from ..output.history import History
 from ..problem.problem import Problem
-from .solids import VIEW, draw_solid, surface, widen
+from .solids import VIEW, axes_of, draw_solid, surface, widen
 
 Limits = tuple[float, float]
 Component = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -142,7 +142,7 @@ def stress(
         ValueError: no such component, or axes of three dimensions.
     """
     sigma, take, label = seen_stress(problem, component)
-    ax = plt.subplots(layout="constrained")[1] if ax is None else ax
+    ax = axes_of(ax)
     solid = problem.mesh.geometry.dim == 3
     cells, local = surface(problem) if solid else owned_cells(problem)
     corners = deformed_corners(problem, cells, local, magnify)

@@ -153,7 +153,7 @@ def plot(points: Sequence[Point]) -> Figure:
     figure, axes = plt.subplots(
         2, len(cells), figsize=(2.7 * len(cells), 6), layout="constrained", squeeze=False
     )
-    styles = {"plain": "k-", "vmdg": "C0--", "springs": "C3:"}
+    styles = {"plain": "k-", "vmdg": "C0--", "springs": "C1:"}
     names = {
         "plain": "plain finite elements",
         "vmdg": "vmdg, tied",
