@@ -107,15 +107,12 @@ def main(
 ) -> vmdg.History:
     """Tear the plates; the history of the run."""
     limits, shown = CASES[material].limits, CASES[material].shown
-    columns = -(-(len(shown) + 1) // 2)
-    figure, grid = plt.subplots(2, columns, figsize=(9, 7), layout="constrained")
-    axes = grid.ravel()[: len(shown) + 1]
+    figure = plt.figure(figsize=(9, 7), layout="constrained")
+    axes = [figure.add_subplot(2, 3, n + 1) for n in range(len(shown) + 1)]
     panels = dict(zip(shown, axes, strict=False))
-    for ax in grid.ravel()[len(axes) :]:
-        ax.set_axis_off()
 
     def show(problem: vmdg.Problem, strain: float) -> None:
-        style = {"limits": limits, "colorbar": strain in shown[columns - 1 :: columns]}
+        style = {"limits": limits, "colorbar": strain in shown[2::3]}
         vmdg.plot.stress(problem, "yy", ax=panels[strain], **style)
         panels[strain].set_title(f"strain {100 * strain:.3g} %")
 

@@ -44,7 +44,8 @@ class Series:
         mesh = functions[0].function_space.mesh
         degree = min(2, max(one.function_space.ufl_element().degree for one in functions))
         self._given, self._folder, self._comm = functions, folder, mesh.comm
-        self._titles, self._times = titles, []
+        self._titles = titles
+        self._times: list[float] = []
         spaces = [
             fem.functionspace(mesh, ("DG", degree, one.function_space.value_shape))
             for one in functions

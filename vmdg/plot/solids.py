@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from ctypes.util import find_library
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -169,7 +170,7 @@ def draw_solid(
     return drawn
 
 
-def _polygons(pyvista: object, corners: NDArray[np.float64]) -> object:
+def _polygons(pyvista: Any, corners: NDArray[np.float64]) -> Any:
     count, c = corners.shape[:2]
     faces = np.column_stack([np.full(count, c), np.arange(count * c).reshape(count, c)])
     return pyvista.PolyData(corners.reshape(-1, 3), faces.ravel())
