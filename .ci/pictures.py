@@ -83,7 +83,7 @@ COMMANDS = {
     "pushout_modulus": ("pushout_parameters --study modulus", "pushout_modulus.md"),
     "pushout_mesh": ("pushout_parameters --study mesh", "pushout_mesh.png pushout_mesh.md"),
     "pushout_steps": ("pushout_parameters --study steps", "pushout_steps.md"),
-    "pushout_solid": ("pushout --solid", "pushout.png=pushout_solid.png"),
+    "pushout_solid": ("pushout --solid --refine 0.7", "pushout.png=pushout_solid.png"),
     "tearing": ("tearing", "tearing_neo-hookean.png"),
     "tearing_ogden": ("tearing --material ogden", "tearing_ogden.png"),
     "verification": ("verification", "verification.png verification.md"),
