@@ -98,10 +98,6 @@ COMMANDS = {
         "precision.png=benchmark_precision.png precision.csv=benchmark_precision.csv "
         "precision.md=benchmark_precision.md",
     ),
-    "intact": (
-        "benchmark intact degree",
-        "intact.md=benchmark_intact.md degree.md=benchmark_degree.md",
-    ),
     "ratio": ("benchmark ratio", "ratio.md=benchmark_ratio.md"),
     "others": ("others", "others.md=benchmark_others.md"),
     "convergence": ("convergence", "convergence.png convergence.md convergence.csv"),
@@ -161,17 +157,6 @@ TABLES = {
         "A kinked solution in two bodies, moduli 10 : 1, that are continuous, tied by vmdg or by "
         "intrinsic springs: unknowns, errors in L2 of u and GRAD u, and processor time of a "
         "solution from rest and from the interpolated exact one.",
-    ),
-    "benchmark_intact.md": (
-        "Errors of intact interfaces where they show most",
-        "Rings and spherical shells under pressure, Goodier's core, stresses that change across a "
-        "straight interface alone: how much larger errors in L2 of u and GRAD u are than with "
-        "continuous elements on the same mesh [%], the largest by cell, degree and law.",
-    ),
-    "benchmark_degree.md": (
-        "Errors of a ring by degree",
-        "Two rings under pressure, moduli 1 : 10, quadrilaterals: unknowns of continuous elements, "
-        "and errors in L2 of these, of a tie and of a bond.",
     ),
     "benchmark_ratio.md": (
         "Cost of a Newton iteration",

@@ -103,11 +103,6 @@ def main(
         for name, data in {"force": [curve], "force and images": [curve, field]}.items()
     }
     figure = found["force and images"].plot(plt.figure(figsize=(9.5, 4.5), layout="constrained"))
-    force, field, *residuals = figure.axes
-    force.set_ylabel("force [N]")
-    field.set_ylabel("displacements of the points [mm]")
-    for ax in residuals:
-        ax.set_xlabel("opening [mm]")
     if MPI.COMM_WORLD.rank == 0:
         for name, one in found.items():
             print(f"{name}\n{one}\n")
