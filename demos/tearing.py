@@ -112,8 +112,7 @@ def main(
     panels = dict(zip(shown, axes, strict=False))
 
     def show(problem: vmdg.Problem, strain: float) -> None:
-        style = {"limits": limits, "colorbar": strain in shown[2::3]}
-        vmdg.plot.stress(problem, "yy", ax=panels[strain], **style)
+        vmdg.plot.stress(problem, "yy", 1, panels[strain], limits, colorbar=strain in shown[2::3])
         panels[strain].set_title(f"strain {100 * strain:.3g} %")
 
     history = tear(material, mesh, steps, Path(out), show)
