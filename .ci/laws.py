@@ -67,32 +67,39 @@ def draw(law: vmdg.Law, file: Path) -> None:
     once = np.linspace(0, END, 1401)
     there, back = np.linspace(0, TURN, 401), np.linspace(TURN, BACK, 241)
     opening = np.concatenate([there, back, np.linspace(BACK, END, 1241)])
-    fig, axes = plt.subplots(figsize=(2.7, 1.8), layout="constrained")
+    fig, axes = plt.subplots(figsize=(4, 2.7), layout="constrained")
     for path, component, pressure, style, label in (
         (opening, 0, 0.0, {"color": "C0"}, "opening"),
         (once, 1, 0.0, {"color": "C1", "ls": "--"}, "slip"),
-        (once, 1, PRESSURE, {"color": "C2", "ls": ":", "lw": 2}, f"slip at {PRESSURE:g} MPa"),
+        (once, 1, PRESSURE, {"color": "C2", "ls": ":", "lw": 2.2}, f"slip at {PRESSURE:g} MPa"),
     ):
         traction = followed(law, path, component, pressure)
         axes.plot(1e3 * path, traction, label=label, **style)
-    axes.set(xlim=(-2, 1e3 * END), ylim=(-0.5, 15), xlabel="µm", ylabel="MPa")
-    axes.legend(fontsize=7, loc="upper right", frameon=False)
-    fig.savefig(file, dpi=200)
+    axes.set(
+        xlim=(-2, 1e3 * END),
+        ylim=(-0.5, 15),
+        xlabel="opening or slip [µm]",
+        ylabel="traction [MPa]",
+    )
+    axes.legend(loc="upper right", frameon=False)
+    fig.savefig(file)
     plt.close(fig)
 
 
 def draw_lives(law: vmdg.FatigueDebonding, file: Path) -> None:
     """Lives at a constant traction relative to the strength, at two load ratios."""
     p = np.linspace(0.1, 1.0, 400)
-    fig, axes = plt.subplots(figsize=(2.7, 1.8), layout="constrained")
+    fig, axes = plt.subplots(figsize=(4, 2.7), layout="constrained")
     for ratio, style in ((-1.0, "-"), (0.1, "--")):
         for mode, color in (("opening", "C0"), ("slip", "C1")):
             at_ratio = replace(law, ratio=ratio)
             lives = at_ratio.cycles_to_failure(p, np.pi / 2 * (mode == "slip"))
             axes.plot(lives, p, style, color=color, label=f"{mode}, R = {ratio:g}")
-    axes.set(xlim=(1, 1e8), xscale="log", ylim=(0, 1), xlabel="cycles", ylabel="traction/strength")
-    axes.legend(fontsize=6, loc="upper right", frameon=False)
-    fig.savefig(file, dpi=200)
+    axes.set(
+        xlim=(1, 1e8), xscale="log", ylim=(0, 1), xlabel="cycles", ylabel="traction / strength"
+    )
+    axes.legend(loc="upper right", frameon=False)
+    fig.savefig(file)
     plt.close(fig)
 
 

@@ -48,7 +48,7 @@ def main(file: str) -> None:
     right.axhline(STRENGTH - softening[ends[0]], ls="--", color="C1", label="secant unloading")
     right.set(xlabel="cycle", ylabel="strength left $P_c - Q$ [MPa]", ylim=(0, STRENGTH))
     right.legend()
-    fig.savefig(file, dpi=110)
+    fig.savefig(file)
     print((STRENGTH - softening[ends]).round(2))
 
 

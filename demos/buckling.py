@@ -84,7 +84,7 @@ def draw(problem: vmdg.Problem, history: vmdg.History) -> plt.Figure:
         axes[name].plot(100 * strain, closed, "k--", label="closed form")
         axes[name].set(xlabel="strain of the ends [%]", ylabel=f"{name} [mm]", xlim=(0, None))
     axes["rise"].legend()
-    vmdg.plot.stress(problem, "xx", ax=axes["stress"], edges=0)
+    vmdg.plot.stress(problem, "xx", ax=axes["stress"])
     return figure
 
 
@@ -106,7 +106,7 @@ def main(
     history = vmdg.solve(problem, np.linspace(0, end, steps + 1)[1:], options, monitor).history
     figure = draw(problem, history)
     if problem.comm.rank == 0:
-        figure.savefig(f"{out}/buckling.png", dpi=130)
+        figure.savefig(f"{out}/buckling.png")
         strains = 100 * critical(CRACK), 100 * growth(CRACK)
         print("closed forms: buckles at {:.3f} %, grows at {:.3f} %".format(*strains))
         print(f"results are in {out}")

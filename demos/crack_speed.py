@@ -91,7 +91,7 @@ def main(
         axes[0].set(ylabel="length [mm]")
         axes[1].set(ylabel="speed / Rayleigh speed", ylim=(0, 1))
         axes[0].legend()
-        figure.savefig(f"{out}/crack_speed.png", dpi=130)
+        figure.savefig(f"{out}/crack_speed.png")
         print(f"at the end {length[-1]:.2f} mm, Freund {freund[-1]:.2f} mm; results are in {out}")
     return {"times": times, "length": length, "freund": freund, "speed": speed, "tau": tau}
 

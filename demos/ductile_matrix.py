@@ -52,16 +52,16 @@ def build(
 
 
 def main(
-    element_size: float = 0.1,
+    element_size: float = 0.06,
     strength: float = 50.0,
     end: float = 0.03,
     steps: int = 20,
     out: str = "results/ductile_matrix",
 ) -> dict[str, vmdg.History]:
     """Pull the cell with each matrix; the histories by matrix."""
-    figure = plt.figure(figsize=(11, 6.6), layout="constrained")
+    figure = plt.figure(figsize=(10, 6.4), layout="constrained")
     axes = figure.subplot_mosaic([[*MATRICES], ["curve"] * 3])
-    histories = {}
+    histories, last = {}, list(MATRICES)[-1]
     for name, matrix in MATRICES.items():
         problem, right = build(matrix, element_size, strength)
 
@@ -80,13 +80,13 @@ def main(
         )
         loads = np.linspace(0.0, end, steps + 1)[1:]
         histories[name] = history = vmdg.solve(problem, loads, options, monitor).history
-        vmdg.plot.stress(problem, "xx", 1.0, axes[name], limits=(-20, 120), edges=0.2)
-        axes[name].set_title(name, size=10)
+        vmdg.plot.stress(problem, "xx", 1.0, axes[name], limits=(0, 150), colorbar=name == last)
+        axes[name].set_title(f"{name} matrix")
         axes["curve"].plot(100 * history["strain"], history["stress"], ".-", label=name)
     axes["curve"].set(xlabel="strain [%]", ylabel="stress [MPa]")
     axes["curve"].legend()
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(Path(out) / "ductile_matrix.png", dpi=110)
+        figure.savefig(Path(out) / "ductile_matrix.png")
         print(f"the picture and the tables are in {out}")
     return histories
 
@@ -95,7 +95,7 @@ if __name__ == "__main__":
     command = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    command.add_argument("--element-size", type=float, default=0.1, help="size of cells [mm]")
+    command.add_argument("--element-size", type=float, default=0.06, help="size of cells [mm]")
     command.add_argument("--strength", type=float, default=50.0, help="of the bond [MPa]")
     command.add_argument("--end", type=float, default=0.03, help="pull of each side [mm]")
     command.add_argument("--steps", type=int, default=20, help="number of given pulls")

@@ -113,7 +113,7 @@ def main(size: float = 75.0, end: float = 5.0, out: str = "results/fault") -> di
     vmdg.plot.film(f"{out}/fault.gif", problem, fields, titles, "speed [m/s]", 2.0, "m")
     if problem.comm.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
-        draw(x, times, slip).savefig(f"{out}/fault.png", dpi=130)
+        draw(x, times, slip).savefig(f"{out}/fault.png")
         for station, mine, other in zip(STATIONS, arrivals, PYLITH[0], strict=True):
             print(f"arrival at {station:5.1f} km: {mine:.3f} s, PyLith {other:.3f} s")
         print(f"results are in {out}")

@@ -62,7 +62,7 @@ def main(
     problem = make_problem(make_mesh(fibres, fraction, seed, cells), angle, friction)
     cell, snapshots, peak = vmdg.PeriodicCell(problem), [], 0.0
     stress = "stress_xx" if abs(np.cos(np.radians(angle))) > 0.7 else "stress_xy"
-    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(11, 3.4), layout="constrained")
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         nonlocal peak
@@ -72,7 +72,7 @@ def main(
         if abs(row[f"{stress} [MPa]"]) > peak:
             peak = abs(row[f"{stress} [MPa]"])
             axes[1].clear()
-            vmdg.plot.interface_points(problem, "damage", axes[1], limits=(0, 1))
+            vmdg.plot.interface_map(problem, "damage", axes[1], (0, 1), above=0.0)
             axes[1].set_title(f"damage at the peak, {100 * problem.t:.2f} %")
         return row
 
@@ -84,10 +84,10 @@ def main(
         film = Path(out) / "fibre_cell.gif"
         vmdg.plot.animate(film, problem, snapshots, history, "load", stress, "mises", 3)
     vmdg.plot.curve(history, "load", stress, ax=axes[0], origin=True, color="black")
-    axes[0].set(xlabel="size of the mean strain [-]")
-    vmdg.plot.stress(problem, "mises", magnify=3, ax=axes[2], edges=0)
+    axes[0].set(xlabel="size of the mean strain")
+    vmdg.plot.stress(problem, "mises", magnify=3, ax=axes[2])
     if problem.comm.rank == 0:
-        figure.savefig(f"{out}/fibre_cell.png", dpi=130)
+        figure.savefig(f"{out}/fibre_cell.png")
         print(f"largest {stress} {peak:.4g} MPa; results are in {out}")
     return history
 

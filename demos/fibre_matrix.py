@@ -97,9 +97,9 @@ def main(
         reached = [*events(problem, element_size / 2), abs(force) < 1e-3 * peak]
         while stage < len(STAGES) and reached[stage]:
             name, scale = f"{stage + 1} {STAGES[stage]}", (20, 20, 20, 1)[stage]
-            style = {"limits": (0, 30), "edges": 0.2, "colorbar": stage % 2 == 1}
+            style = {"limits": (0, 30), "colorbar": stage % 2 == 1}
             vmdg.plot.stress(problem, "xx", scale, axes[stage], **style)
-            axes[stage].set_title(f"{name}\n{problem.t * 1e3:.3g} µm, x {scale}", size=9)
+            axes[stage].set_title(f"{name}, {problem.t * 1e3:.3g} µm")
             axes["curve"].plot(100 * strain, force / SIZE, "o", label=stage + 1)
             stage += 1
         if animate:
@@ -120,7 +120,7 @@ def main(
         film, shown = Path(out) / "fibre_matrix.gif", ("strain", "stress", "xx", 10, (0, 30))
         vmdg.plot.animate(film, problem, snapshots, history, *shown)
     if problem.comm.rank == 0:
-        figure.savefig(Path(out) / "fibre_matrix.png", dpi=110)
+        figure.savefig(Path(out) / "fibre_matrix.png")
         print(f"peak {history['stress'].max():.4g} MPa; results are in {out}")
     return history
 

@@ -65,15 +65,16 @@ def draw(history: vmdg.History, x: np.ndarray, lost: np.ndarray) -> plt.Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     time = 1e6 * history["time"]
     shown = left.pcolormesh(x, time, lost, cmap="Reds", vmin=0, vmax=1)
-    figure.colorbar(shown, label="share of the bond that is lost")
+    figure.colorbar(shown, ax=left, label="share of the bond that is lost")
     left.set(xlabel="x [mm]", ylabel="time [µs]")
-    right.plot(time, 1e-3 * history["striker"], "C0")
+    right.plot(time, 1e-3 * history["striker"], "C0", label="speed of the striker")
     right.set(xlabel="time [µs]", ylabel="speed of the striker [m/s]")
     twin = right.twinx()
     twin.plot(time, history["kinetic"], "C1--", label="kinetic energy")
-    twin.plot(time, history["damage"], "C3--", label="taken by the bond")
+    twin.plot(time, history["damage"], "C2--", label="taken by the bond")
     twin.set(ylabel="energy [N mm per mm]", ylim=(0, None))
-    twin.legend(loc="center right")
+    twin.spines["right"].set_visible(True)
+    figure.legend(loc="outside upper right", ncols=3)
     return figure
 
 
@@ -109,7 +110,7 @@ def main(
     vmdg.plot.animate(f"{out}/impact.gif", problem, states, history, *shown, magnify=3.0)
     if comm.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
-        figure.savefig(f"{out}/impact.png", dpi=130)
+        figure.savefig(f"{out}/impact.png")
         parted, taken = history["debonded"][-1] * SPAN, history["damage"][-1]
         print(f"{parted:.1f} mm have parted and took {taken:.1f} N mm; results are in {out}")
     return history

@@ -85,15 +85,15 @@ def main(cells: int = 60, steps: int = 60, end: float = 2.0, out: str = "results
         problem, loads[loads <= end + 1e-9], vmdg.SolveOptions(**shown), monitor
     ).history
 
-    figure, (curve, bodies) = plt.subplots(1, 2, figsize=(12, 4), layout="constrained")
+    figure, (curve, bodies) = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained")
     for name, style in (("down", "C0"), ("along", "C1")):
-        curve.plot(history["load"], history[name], style, label=f"{name} [N/mm]")
+        curve.plot(history["load"], history[name], style, label=name)
     for k, (name, forces) in enumerate(PUBLISHED.items()):
         curve.plot(2 * [1.0, 1.5], np.ravel(forces), "ov^sDx"[k], color="0.4", ms=4, label=name)
-    curve.set(xlabel="t", ylabel="force [N/mm]")
-    curve.legend(fontsize=7)
+    curve.set(xlabel="load factor: pressed until 1, then drawn along", ylabel="force [N/mm]")
+    figure.legend(loc="outside upper left", ncols=4)
     vmdg.plot.stress(problem, "mises", ax=bodies)
-    figure.savefig(Path(out) / "ironing.png", dpi=110)
+    figure.savefig(Path(out) / "ironing.png")
     print(f"last forces {history['down'][-1]:.4g} N/mm down, {history['along'][-1]:.4g} along")
     print(f"results are in {out}")
     return history

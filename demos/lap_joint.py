@@ -82,7 +82,7 @@ def main(element_size: float = 1.0, steps: int = 17, out: str = "results/lap_joi
     vmdg.plot.stress(problem, "mises", magnify=5, ax=joint)
     joint.set(xlim=(35, 75), ylim=(-5, 5))
     if problem.comm.rank == 0:
-        figure.savefig(Path(out) / "lap_joint.png", dpi=130)
+        figure.savefig(Path(out) / "lap_joint.png")
         force = history["force"].max()
         print(f"largest force {force:.1f} N/mm, long joint {critical_force():.1f} N/mm")
         print(f"results are in {out}")

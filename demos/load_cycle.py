@@ -30,7 +30,7 @@ def end_of_path(t: float) -> tuple[float, float]:
 
 def draw(history: vmdg.History) -> plt.Figure:
     """Tractions over openings, and where the energy has gone."""
-    figure, (normal, shear, energy) = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    figure, (normal, shear, energy) = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
     for i, leg in enumerate(LEGS):
         now = (history["load"] >= i - 1e-9) & (history["load"] <= i + 1 + 1e-9)
         normal.plot(history["opening"][now], history["normal"][now], label=leg)
@@ -43,8 +43,8 @@ def draw(history: vmdg.History) -> plt.Figure:
         energy.fill_between(history["load"], spent, spent + history[name], label=name)
         spent = spent + history[name]
     energy.plot(history["load"], history["external"], "k--", label="external work")
-    energy.set(xlabel="load factor (one per leg)", ylabel="energy [N mm per mm]")
-    energy.legend()
+    energy.set(xlabel="load factor, one per leg", ylabel="energy [N mm per mm]")
+    energy.legend(loc="lower right")
     return figure
 
 
@@ -73,7 +73,7 @@ def main(steps: int = 200, out: str = "results/load_cycle") -> vmdg.History:
     history = vmdg.solve(problem, loads, options, monitor).history
 
     if problem.comm.rank == 0:
-        draw(history).savefig(Path(out) / "load_cycle.png", dpi=130)
+        draw(history).savefig(Path(out) / "load_cycle.png")
         share = np.abs(history["imbalance"]).max() / np.abs(history["external"]).max()
         print(f"{len(history)} steps; the energies balance to {share:.1e} of the external work")
         print(f"results are in {out}")

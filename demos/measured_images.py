@@ -107,7 +107,7 @@ def main(
         for name, one in found.items():
             print(f"{name}\n{one}\n")
         Path(out).mkdir(parents=True, exist_ok=True)
-        figure.savefig(f"{out}/measured_images.png", dpi=110)
+        figure.savefig(f"{out}/measured_images.png")
     return found
 
 

@@ -89,8 +89,8 @@ def main(
         problem, zone = build(thickness, facet)
         found[thickness] = peel(problem, zone, thickness, out)
         if thickness == thinnest:
-            vmdg.plot.stress(problem, "xx", 3.0, strip, edges=0.2)
-            strip.set_title(f"{1000 * thickness:g} µm, displacements x 3", size=10)
+            vmdg.plot.stress(problem, "xx", 3.0, strip)
+            strip.set_title(f"{1000 * thickness:g} µm thick")
     for name, label in SHARES.items():
         height = np.array([shares[name] for shares in found.values()])
         bars.bar([f"{1000 * t:.0f}" for t in found], height, 0.6, below, label=label)
@@ -99,7 +99,7 @@ def main(
     bars.set(xlabel="thickness [µm]", ylabel="work per area / toughness")
     bars.legend()
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(f"{out}/plastic_peel.png", dpi=110)
+        figure.savefig(f"{out}/plastic_peel.png")
         print(f"the picture and the tables are in {out}")
     return found
 

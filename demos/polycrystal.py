@@ -107,19 +107,14 @@ def main(
     options = vmdg.SolveOptions(**path_options(solid, trace), **saved)
     loads = np.linspace(0, end, steps + 1)[1:]
     history = vmdg.solve(problem, loads, options, lambda _: cell.row()).history
-    figure = plt.figure(figsize=(12, 3.6), layout="constrained")
-    shape = {"projection": "3d"} if solid else {}
-    damage, stress = (figure.add_subplot(1, 3, n, **shape) for n in (2, 3))
-    curve = figure.add_subplot(1, 3, 1)
+    figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
+    curve, damage, stress = axes
     vmdg.plot.curve(history, "strain_xx", "stress_xx", curve, origin=True, color="black")
-    vmdg.plot.interface_points(problem, "damage", damage, above=0.5 if solid else -1, limits=(0, 1))
-    vmdg.plot.stress(problem, "xx", magnify=10, ax=stress, edges=0.2 if solid else 0)
-    damage.set_title("damage at the end")
-    for ax in (damage, stress) if solid else ():
-        ax.locator_params(nbins=3)
-        ax.set(zlabel="")
+    vmdg.plot.interface_map(problem, "damage", damage, (0, 1), above=0.5 if solid else -1)
+    vmdg.plot.stress(problem, "xx", 10, stress, (-STRENGTH / 2, STRENGTH))
+    damage.set_title("boundaries at the end")
     if problem.comm.rank == 0:
-        figure.savefig(f"{out}/polycrystal.png", dpi=130)
+        figure.savefig(f"{out}/polycrystal.png")
         strain, force = history["strain_xx"], history["stress_xx"]
         peak = 100 * strain[np.argmax(force)]
         print(f"strength {force.max():.4g} MPa at {peak:.2f} %; results are in {out}")

@@ -70,7 +70,7 @@ def main(layers: int = 25, steps: int = 20, end: float = 3.0, out: str = "result
     vmdg.plot.curve(history, "punch", "force", ax=curve, origin=True)
     vmdg.plot.stress(problem, "mises", ax=section)
     if problem.comm.rank == 0:
-        figure.savefig(Path(out) / "push_through.png", dpi=110)
+        figure.savefig(Path(out) / "push_through.png")
         print(f"largest force {history['force'].max():.5g} N, last {history['force'][-1]:.5g} N")
         print(f"results are in {out}")
     return history

@@ -115,23 +115,22 @@ def main(
 ) -> vmdg.History:
     """Cure the matrix and push the fibre; the history of the push."""
     model = build(solid, 25, refine, LAW, FIBRE_MODULUS)
-    figure = plt.figure(figsize=(17, 4), layout="constrained")
-    force, length, modes = (figure.add_subplot(1, 4, n) for n in (1, 2, 4))
-    stress = figure.add_subplot(1, 4, 3, projection="3d" if solid else None)
+    figure, axes = plt.subplots(2, 2, figsize=(9, 7.4), layout="constrained")
+    force, length, stress, modes = axes.ravel()
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         row = model.measures(problem)
         if row["debonded [mm]"] > HEIGHT / 2 and not stress.get_title():
-            vmdg.plot.stress(problem, "principal", 5, stress, (-5, 25), edges=0)
+            vmdg.plot.stress(problem, "principal", 5, stress, (-5, 25))
             vmdg.plot.mode_map(problem, 0, axis=model.axis, ax=modes)
-            stress.set_title(f"punch {row['punch [mm]']:.4f} mm\ndisplacement x 5", size=9)
+            stress.set_title(f"punch {row['punch [mm]']:.4f} mm")
         return row
 
     history = push(model, Path(out), steps, end, resume, monitor)
     vmdg.plot.curve(history, "punch", "force", force, origin=True)
     vmdg.plot.curve(history, "punch", "debonded", length, origin=True)
     if model.problem.comm.rank == 0:
-        figure.savefig(Path(out) / "pushout.png", dpi=110)
+        figure.savefig(Path(out) / "pushout.png")
         print(f"largest force {history['force'].max():.5g} N, last {history['force'][-1]:.5g} N")
     return history
 

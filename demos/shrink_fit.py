@@ -78,10 +78,10 @@ def main(cells: int = 20, steps: int = 40, out: str = "results/shrink_fit"):
 
     vmdg.plot.curve(history, "pulled", "force", ax=curve)
     friction = FRICTION * pressure() * 2 * np.pi * RADIUS * LENGTH
-    curve.plot([0, LENGTH], [friction, 0], "k--", label="Lame, without ends")
+    curve.plot([0, LENGTH], [friction, 0], "k--", label="Lamé, without ends")
     curve.set(ylim=(0, None))
     curve.legend()
-    figure.savefig(Path(out) / "shrink_fit.png", dpi=110)
+    figure.savefig(Path(out) / "shrink_fit.png")
     print(f"largest force {history['force'].max():.4g} N, by Lame {friction:.4g} N")
     print(f"results are in {out}")
     return history

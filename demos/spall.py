@@ -83,15 +83,16 @@ def run(
 
 def draw(times: np.ndarray, found: dict) -> plt.Figure:
     """Stress over place and time without and with failure, and the speed of the free face."""
-    figure, axes = plt.subplots(1, 3, figsize=(12, 4), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(11, 4.4), layout="constrained")
     for ax, (name, (history, x, sigma)) in zip(axes, found.items(), strict=False):
         most = 0.6 * RHO * C * history["face"].max()
         shown = ax.pcolormesh(x, 1e6 * times, sigma, cmap="RdBu_r", vmin=-most, vmax=most)
-        ax.axvline(FLYER + PLATE - LAYER, color="k", lw=0.5, ls=":")
+        ax.axvline(FLYER + PLATE - LAYER, color="k", lw=0.8, ls=":", label="bond")
         ax.set(title=name, xlabel="x [mm]", ylabel="time [µs]")
         axes[2].plot(1e6 * times, 1e-3 * history["face"], label=name)
-    figure.colorbar(shown, ax=axes[1], label="stress [MPa]")
+    figure.colorbar(shown, ax=axes[:2], label="stress [MPa]", location="bottom", shrink=0.6)
     axes[2].set(title="free face", xlabel="time [µs]", ylabel="speed [m/s]", ylim=(-25, 175))
+    axes[0].legend(loc="lower right")
     axes[2].legend(loc="upper left")
     return figure
 
@@ -111,7 +112,7 @@ def main(
     figure = draw(times, found)
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
-        figure.savefig(f"{out}/spall.png", dpi=130)
+        figure.savefig(f"{out}/spall.png")
         print(f"pull-back of a bond of {strength} MPa: {2e-3 * strength / (RHO * C):.1f} m/s")
         print(f"results are in {out}")
     return {name: history for name, (history, *_) in found.items()}

@@ -107,19 +107,19 @@ def main(
 ) -> vmdg.History:
     """Tear the plates; the history of the run."""
     limits, shown = CASES[material].limits, CASES[material].shown
-    figure, axes = plt.subplots(1, len(shown) + 1, figsize=(15, 3.4), layout="constrained")
+    figure = plt.figure(figsize=(9, 7), layout="constrained")
+    axes = [figure.add_subplot(2, 3, n + 1) for n in range(len(shown) + 1)]
     panels = dict(zip(shown, axes, strict=False))
 
     def show(problem: vmdg.Problem, strain: float) -> None:
-        style = {"limits": limits, "edges": 0, "colorbar": strain == shown[-1]}
-        vmdg.plot.stress(problem, "yy", ax=panels[strain], **style)
+        vmdg.plot.stress(problem, "yy", 1, panels[strain], limits, colorbar=strain in shown[2::3])
         panels[strain].set_title(f"strain {100 * strain:.3g} %")
 
     history = tear(material, mesh, steps, Path(out), show)
     vmdg.plot.curve(history, "load", "force", axes[-1], origin=True)
-    axes[-1].set(xlabel="strain [-]")
+    axes[-1].set(xlabel="strain")
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(Path(out) / f"tearing_{material}.png", dpi=120)
+        figure.savefig(Path(out) / f"tearing_{material}.png")
         print(f"largest force {history['force'].max():.5g} N/mm; results are in {out}")
     return history
 

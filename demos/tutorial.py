@@ -91,8 +91,9 @@ def main(element_size: float = 1e-3, steps: int = 30, out: str = "results/tutori
     plot.stress(problem, "xx", magnify=3, ax=axes["stress"], limits=(0, 110))
     plot.curve(history, "strain", "stress", axes["curve"], origin=True)
     plot.interface_profile(problem, 0, "opening", along="angle", ax=axes["profile"], lw=1)
+    axes["profile"].set_title("each fibre at the end")
     if problem.comm.rank == 0:
-        figure.savefig(Path(out) / "tutorial.png", dpi=110)
+        figure.savefig(Path(out) / "tutorial.png")
     return history
 
 

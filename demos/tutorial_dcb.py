@@ -87,7 +87,7 @@ def main(facet: float = 0.25, end: float = 1.5, out: str = "results/tutorial_dcb
         axes.set(xlabel="opening [mm]")
         axes.legend()
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(Path(out) / "tutorial_dcb.png", dpi=110)
+        figure.savefig(Path(out) / "tutorial_dcb.png")
     return history
 
 

@@ -85,9 +85,10 @@ def main(facet: float = 0.004, out: str = "results/tutorial_film"):
     )
     plot.stress(problem, "xx", magnify=3, ax=film)
     plot.curve(history, "crack", "cooling", curve)
-    curve.axhline(CRITICAL, color="k", ls="--", lw=0.8)
+    curve.axhline(CRITICAL, color="k", ls="--", lw=0.8, label="Hutchinson and Suo 1992")
+    curve.legend()
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(Path(out) / "tutorial_film.png", dpi=110)
+        figure.savefig(Path(out) / "tutorial_film.png")
     return history
 
 

@@ -82,14 +82,15 @@ def main(divisions: int = 12, out: str = "results/tutorial_friction"):
     # 6. The picture: the loops, and where the energy has gone.
     figure, (loop, energies) = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
     plot.curve(history, "sliding displacement", "shear force", loop)
-    loop.axhline(SLIDING, color="k", ls="--", lw=0.8)
+    loop.axhline(SLIDING, color="k", ls="--", lw=0.8, label=r"sliding force $\pm\mu N$")
     loop.axhline(-SLIDING, color="k", ls="--", lw=0.8)
+    loop.legend(loc="center")
     for name in ("external", "friction", "damage"):
         energies.plot(history["load"], history[name], label=name)
     energies.set(xlabel="quarters of a cycle", ylabel="energy [N]")
     energies.legend()
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(Path(out) / "tutorial_friction.png", dpi=110)
+        figure.savefig(Path(out) / "tutorial_friction.png")
     return history
 
 

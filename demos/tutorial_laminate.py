@@ -78,16 +78,18 @@ def main(out: str = "results/tutorial_laminate") -> dict[str, vmdg.History]:
     for name, angles in LAYUPS.items():
         histories[name] = history = open_arms(angles, openings)
         curve(history, "opening", "force", loads, origin=True, label=name)
-        loads.plot(openings[13:], theory(angles, openings[13:]), "k--", lw=0.8, zorder=0)
+        exact, label = theory(angles, openings[13:]), "_" * (len(histories) - 1) + "laminate theory"
+        loads.plot(openings[13:], exact, "k--", lw=0.8, zorder=0, label=label)
         curve(history, "crack", "resistance", resistance)
-    loads.legend()
-    resistance.axhline(G_C, color="k", ls="--", lw=0.8)
+    resistance.axhline(G_C, color="k", ls="--", lw=0.8, label="$G_c$")
     resistance.set_ylim(0, 2 * G_C)
+    loads.legend()
+    resistance.legend()
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
         for number, history in enumerate(histories.values()):
             history.to_csv(Path(out) / f"history_{number}.csv")
-        figure.savefig(Path(out) / "tutorial_laminate.png", dpi=120)
+        figure.savefig(Path(out) / "tutorial_laminate.png")
     return histories
 
 

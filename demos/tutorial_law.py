@@ -158,7 +158,7 @@ def main(steps: int = 40, out: str = "results/tutorial_law") -> dict[str, vmdg.H
     stress(problem, "xx", ax=axes["shape"])
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
-        figure.savefig(Path(out) / "tutorial_law.png", dpi=120)
+        figure.savefig(Path(out) / "tutorial_law.png")
     return histories
 
 

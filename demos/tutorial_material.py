@@ -121,7 +121,7 @@ def main(steps: int = 60, out: str = "results/tutorial_material") -> dict[str, v
     axes[2].legend()
     if MPI.COMM_WORLD.rank == 0:
         Path(out).mkdir(parents=True, exist_ok=True)
-        figure.savefig(Path(out) / "tutorial_material.png", dpi=120)
+        figure.savefig(Path(out) / "tutorial_material.png")
         print(f"results are in {out}")
     return histories
 

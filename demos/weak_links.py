@@ -80,7 +80,7 @@ def main(
     stress, histories = np.linspace(0, 10, 1000), {}
     exact = [order_statistics(strengths, each) for each in stress]
     ax.plot(stress, exact, color="0.8", lw=6, label="order statistics")
-    for unstable, style in (("trace", "C0.-"), ("jump", "C3--")):
+    for unstable, style in (("trace", "C0.-"), ("jump", "C1--")):
         problem, monitor = bundle(MPI.COMM_WORLD, strengths, critical_gap)
         shown = {"progress": True, "csv": f"{out}/{unstable}.csv"}
         options = vmdg.SolveOptions(unstable=unstable, energy=True, **shown)
@@ -91,7 +91,7 @@ def main(
     ax.set(xlim=(0, None), ylim=(0, None))
     ax.legend(loc="upper left")
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(f"{out}/weak_links.png", dpi=130)
+        figure.savefig(f"{out}/weak_links.png")
         print(f"results are in {out}")
     return histories
 

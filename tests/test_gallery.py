@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import runpy
 from fnmatch import fnmatch
@@ -80,6 +81,12 @@ def rows(table: str) -> list[list[str]]:
 STUDIES = ("demos/ACCURACY", "demos/SPEED")
 
 
+def table_with(page: str, row: str) -> str:
+    """The table of a page that has a row."""
+    tables = re.findall(r"(?:^\|.*\n)+", page, re.MULTILINE)
+    return next(table for table in tables if row in table)
+
+
 def text(page: str) -> str:
     """Words of a page, in one line."""
     return " ".join((ROOT / page).read_text().split())
@@ -99,6 +106,42 @@ def test_numbers_in_the_text():
     ratios = [float(row[6]) for row in rows(found["benchmark_ratio"])]
     said = f"takes {min(ratios):.2f} to {max(ratios):.2f} times as long"
     assert said in readme and said in speed
+    with open(GALLERY / "benchmark_precision.csv") as file:
+        points = {(r["cell"], r["degree"], r["n"], r["method"]): r for r in csv.DictReader(file)}
+    for norm, name in (("l2", "(displacement)"), ("h1", "(its gradient")):
+        off = [
+            float(point[norm]) / float(points[(*key[:3], "plain")][norm]) - 1
+            for key, point in points.items()
+            if key[3] == "vmdg"
+        ]
+        said = f"{100 * max(map(abs, off)):.1f} % {name}"
+        assert said in readme and len(off) > 20 and max(off) < 0.003
+        assert said.partition(" (")[0] in accuracy
+    tables = {
+        row[0]: row[1:]
+        for row in rows(
+            table_with((ROOT / "demos" / "ACCURACY.md").read_text(), "| ties, degree 1 |")
+        )
+    }
+    for kind, words in {
+        "ties, degree 1": "{} and {} (ties)",
+        "bonds, degrees 2 and 3": "{} and {} (bonds of degrees 2 and 3)",
+        "bonds, degree 1": "{} and {} (bonds of degree 1",
+    }.items():
+        assert words.format(*tables[kind]) in readme
+    head, *errors = [
+        line.strip("|").split("|")
+        for line in table_with(
+            (ROOT / "demos" / "ACCURACY.md").read_text(), "| of degree 2 |"
+        ).splitlines()
+        if "---" not in line
+    ]
+    first = [
+        next(n for n, e in zip(head[1:], row[1:], strict=True) if float(e.strip(" %")) < 1)
+        for row in errors
+    ]
+    said = "{1} unknowns of degree 2 and with {0} of degree 1".format(*map(str.strip, first))
+    assert said in text("vmdg/HOWTO.md")
     studies = sum(int(row[2]) for row in rows(found["convergence"]))
     missed = sum(int(row[-1]) for row in rows(found["convergence"]))
     assert missed == 0

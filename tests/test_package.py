@@ -113,7 +113,10 @@ def test_wheel(tmp_path):
         found = {name for name in wheel.namelist() if ".dist-info/" not in name}
     folders = [ROOT / "vmdg", *(path for path in (ROOT / "vmdg").iterdir() if path.is_dir())]
     modules = [
-        path for folder in folders for end in ("py", "c", "h") for path in folder.glob(f"*.{end}")
+        path
+        for folder in folders
+        for end in ("py", "c", "h", "mplstyle")
+        for path in folder.glob(f"*.{end}")
     ]
     assert found == {
         "vmdg/py.typed",

@@ -47,7 +47,7 @@ OPTIONAL = {
     "matplotlib": ("vmdg.plot and pictures of demos", "pip install matplotlib"),
     "gmsh": ("vmdg.meshes and demos", "pip install gmsh, or Debian's python3-gmsh"),
     "meshio": ("meshes of other programs than gmsh", "pip install meshio h5py"),
-    "pyvista": ("pictures in 3D", "pip install pyvista"),
+    "pyvista": ("pictures of solids", "pip install pyvista"),
 }
 
 #: PETSc's external solvers and the names of their packages in PETSc.

@@ -27,6 +27,9 @@ PACKAGES = (
     *("gcc", "g++"),  # forms are compiled at run time
     *("python3-setuptools", "python3-pip", "python3-venv"),
 )
+#: What renders pictures of solids with PyVista, which pip installs next to a tree. Not part of the
+#: name of a tree, since nothing else needs it, and pictures say what is missing.
+PICTURES = ("libegl1", "libgl1-mesa-dri")
 FORMAT = 1  # raise it when the way a tree is built changes: a new tree replaces the old one
 KEYRING = "/usr/share/keyrings/debian-archive-keyring.gpg"
 MPI_SESSIONS = "/run/mpi"  # inside a private tree, where nothing outlives the run
@@ -61,10 +64,10 @@ def use_packages() -> bool:
         return False
     agree(
         "installing Debian's FEniCSx in this system with apt-get, a few minutes:",
-        " ".join(PACKAGES),
+        " ".join((*PACKAGES, *PICTURES)),
     )
     start = time.monotonic()
-    install(*PACKAGES)
+    install(*PACKAGES, *PICTURES)
     say(f"installed in {time.monotonic() - start:.0f} s")
     return True
 
@@ -156,6 +159,9 @@ def build(folder: Path, suite: str) -> None:
         remove(part)
         die("the tree could not be built")
     part.rename(folder)
+    pip = inside(folder, ["/usr/bin/python3", *"-m pip install --no-input pyvista".split()])
+    if common.run(pip, capture_output=True, env=variables(folder)).returncode != 0:
+        say("PyVista could not be installed: pictures of solids will be missing")
     say(f"built in {time.monotonic() - start:.0f} s")
     common.remove_old(f"debian-{suite}", folder, remove)
 
@@ -178,7 +184,7 @@ def bootstrap(suite: str, part: Path) -> list[str]:
         *("--kill-child", "--mount-proc", "mmdebstrap", *mode),
         *("--variant=apt", "--components=main", f"--keyring={KEYRING}"),
         f"--architectures={output('dpkg', '--print-architecture').strip()}",
-        f"--include={','.join(PACKAGES)}",
+        f"--include={','.join((*PACKAGES, *PICTURES))}",
         '--aptopt=Apt::Install-Recommends "false"',
         "--dpkgopt=force-unsafe-io",  # no fsync: an interrupted build is thrown away anyway
         *(f"--dpkgopt=path-exclude=/usr/share/{name}/*" for name in ("man", "locale", "doc")),

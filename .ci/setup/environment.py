@@ -105,6 +105,7 @@ def execute(found: Environment, ranks: int, arguments: list[str], *folders: str)
     command = [*mpirun, found.python, *arguments]
     private, jit = found.tree or found.venv, os.environ.get("VMDG_JIT_CACHE")
     if private:
+        os.environ["VMDG_PIP"] = "demos/run -m pip install"  # for messages
         _kept = common.lock(f"{private}.lock", fcntl.LOCK_SH)  # see common.remove_old
         jit = jit or str(jit_folder(private))
     if jit:

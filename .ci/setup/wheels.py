@@ -62,7 +62,7 @@ def find_or_install() -> Path | None:
 
 def install(venv: Path) -> bool:
     """Whether the environment could be installed. Only called under the build lock."""
-    say(f"installing DOLFINx from PyPI's wheels in {venv}, half a minute, 800 MB")
+    say(f"installing DOLFINx from PyPI's wheels in {venv}, half a minute, 1.2 GB")
     start, own = time.monotonic(), variables(venv, private=True)
     if not all(common.logged(f"{venv.name}.log", step, own) for step in steps(venv)):
         shutil.rmtree(venv, ignore_errors=True)

@@ -50,7 +50,6 @@ MODULES = (
     "vmdg.laws",
     "vmdg.meshes",
     "vmdg.plot",
-    "vmdg.plot.solids",
     "vmdg.forms.materials",
 )
 
@@ -240,7 +239,8 @@ def demo_page(demo: Path, known: dict[str, str]) -> str:
     others = [f"/{path.relative_to(ROOT)}" for path in own]
     rest = [(path, "") for path in others if path not in named and path not in taken]
     for path, words in [*shown, *rest]:
-        made += [f"![]({path})", "", linked(words, PAGES["gallery"], known), ""]
+        alternative = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", words).replace("`", "")
+        made += [f"![{alternative}]({path})", "", linked(words, PAGES["gallery"], known), ""]
     options = f"`demos/run {demo.stem} --help` lists its options."
     made += [
         "## The script",

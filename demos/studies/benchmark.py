@@ -101,7 +101,7 @@ def main(
         print(f"\n{part}\n\n{text}\n")
         (folder / f"{part}.md").write_text(text + "\n")
         if plot and draw is not None:
-            draw().savefig(folder / f"{part}.png", dpi=130)
+            draw().savefig(folder / f"{part}.png")
     if "precision" in found:
         with open(folder / "precision.csv", "w", newline="") as file:
             lines = precision.records(found["precision"])

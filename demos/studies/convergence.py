@@ -56,7 +56,7 @@ def main(
         text = f"{summary(rows)}\n\n{table(rows)}\n"
         (Path(out) / "convergence.md").write_text(text)
         if plot:
-            draw(rows).savefig(Path(out) / "convergence.png", dpi=130)
+            draw(rows).savefig(Path(out) / "convergence.png")
         print(text)
         print(f"results are in {out}")
     return rows

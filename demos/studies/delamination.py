@@ -270,7 +270,7 @@ def front(ax: plt.Axes, history: vmdg.History, count: int = 8) -> None:
     for i, row in enumerate(np.linspace(0, len(history) - 1, count).astype(int)):
         lengths = [history[name][row] for name in names]
         ax.plot(lengths, across, ".-", color=plt.cm.viridis(i / count), lw=1, ms=3)
-    ax.set(xlabel="crack [mm]", ylabel="width [mm]", title="front")
+    ax.set(xlabel="crack [mm]", ylabel="width [mm]", title="front, from dark to light as it runs")
     ax.grid(lw=0.3)
 
 
@@ -322,12 +322,12 @@ def draw(case: Case, ran: Run) -> plt.Figure:
 def overview(folder: Path) -> plt.Figure:
     """Load over motion of all cases whose tables are in the folder."""
     there = {name: folder / f"{name}.csv" for name in CASES if (folder / f"{name}.csv").is_file()}
-    rows = -(-len(there) // 4)
-    figure, axes = plt.subplots(rows, 4, figsize=(13, 2.6 * rows), squeeze=False)
+    rows = -(-len(there) // 3)
+    figure, axes = plt.subplots(rows, 3, figsize=(10.5, 2.6 * rows), squeeze=False)
     labels = {}
     for ax, (name, file) in zip(axes.flat, there.items(), strict=False):
         curves(ax, CASES[name], vmdg.History.from_csv(file))
-        ax.set_title(CASES[name].title, fontsize=8)
+        ax.set_title(CASES[name].title)
         handles, texts = ax.get_legend_handles_labels()
         labels |= dict(zip(texts, handles, strict=True))
     for ax in axes.flat[len(there) :]:
@@ -362,11 +362,11 @@ def main(
         if MPI.COMM_WORLD.rank == 0:
             result.history.to_csv(Path(out) / f"{name}.csv")
             if plot:
-                draw(CASES[name], result).savefig(Path(out) / f"{name}.png", dpi=110)
+                draw(CASES[name], result).savefig(Path(out) / f"{name}.png")
             (Path(out) / "delamination.md").write_text(table(rows) + "\n")
     if MPI.COMM_WORLD.rank == 0:
         if plot:
-            overview(Path(out)).savefig(Path(out) / "overview.png", dpi=80)
+            overview(Path(out)).savefig(Path(out) / "overview.png")
         print(table(rows))
         print(f"results are in {out}")
     return rows

@@ -199,19 +199,18 @@ def draw_envelope(rows: NDArray[np.float64], path: Path) -> None:
     means X of tension and S of shear (Hashin 1980, J. Appl. Mech. 47, 329).
     """
     figure, ax = plt.subplots(figsize=(4.6, 4.2), layout="constrained")
-    seed, angle, pull, shear = rows.T[:4]
-    drawn = ax.scatter(pull, shear, c=seed, s=14, cmap="viridis")
+    angle, pull, shear = rows.T[1:4]
+    ax.plot(pull, shear, "C0o", mfc="none", label="one cell")
     means = {a: rows[angle == a, 2:4].mean(axis=0) for a in np.unique(angle)}
-    ax.plot(*np.transpose(list(means.values())), color="black", label="means")
+    ax.plot(*np.transpose(list(means.values())), color="black", label="mean of the cells")
     if {0.0, 90.0} <= means.keys():
         t = np.linspace(0, np.pi / 2)
         ellipse = means[0.0][0] * np.cos(t), means[90.0][1] * np.sin(t)
-        ax.plot(*ellipse, color="gray", linestyle=":", label="quadratic")
-    figure.colorbar(drawn, ax=ax, label="seed", ticks=np.unique(seed))
-    ax.set(xlabel="mean stress xx [MPa]", ylabel="mean stress xy [MPa]", ylim=0)
+        ax.plot(*ellipse, color="gray", linestyle=":", label="quadratic criterion")
+    ax.set(xlabel="mean tension [MPa]", ylabel="mean shear [MPa]", ylim=0)
     ax.legend()
     if MPI.COMM_WORLD.rank == 0:
-        figure.savefig(path, dpi=130)
+        figure.savefig(path)
     plt.close(figure)
 
 

@@ -145,7 +145,7 @@ def draw(beats: list[Beat]) -> plt.Figure:
         line[0].set_color("k" if thick else line[0].get_color())
     ax.set(xlabel="periods", ylabel="energy, relative to that at the start", ylim=(0.8, FAILED))
     ax.set_xlim(0, 3)
-    figure.legend(title="by, step c/h", fontsize=8, loc="outside right upper")
+    figure.legend(title="bond, step relative to h/c", fontsize=8, loc="outside right upper")
     return figure
 
 
@@ -170,7 +170,7 @@ def main(
     Path(out).mkdir(parents=True, exist_ok=True)
     (Path(out) / "in_time.md").write_text(text + "\n")
     if plot:
-        draw(beats).savefig(Path(out) / "in_time.png", dpi=130)
+        draw(beats).savefig(Path(out) / "in_time.png")
     print(text)
     print(f"results are in {out}")
     return beats

@@ -49,7 +49,7 @@ def main(
     problem, tagged = build(LAW, (2, 2, 1), (1.0, 1.5), stabilization=stabilization)
     problem.dirichlet(lambda x: np.isclose(x[1], 1) & (x[0] < 1.5 + 1e-6), 0.0, "y")
     problem.dirichlet(tagged.facet_tags.find(6), 0.0, "z")
-    pictures = Snapshots(tagged, SHOWN, (-100, 0)) if plot else None
+    pictures = Snapshots(SHOWN, (-100, 0)) if plot else None
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         fields.write(-problem.t)
@@ -70,7 +70,7 @@ def main(
     if problem.comm.rank == 0 and pictures:
         pictures.curve.plot(-history["load"], -history["force"], "o-")
         pictures.curve.set(xlabel="end displacement -d [mm]", ylabel="force on the right end [N]")
-        pictures.figure.savefig(Path(out) / "patch_shear.png", dpi=150)
+        pictures.figure.savefig(Path(out) / "patch_shear.png")
     if problem.comm.rank == 0:
         print("Table 2, |tau_s| [MPa/mm]   A report   A vmdg     B report   B vmdg")
         for row, a, b in zip(history.rows, *TABLE_2.values(), strict=False):

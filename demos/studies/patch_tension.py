@@ -63,7 +63,7 @@ def main(
     problem.dirichlet(tagged.facet_tags.find(6), 0.0, "z")
     problem.discretization.compile()
     compiled = perf_counter()
-    pictures = Snapshots(tagged, SHOWN, (0, 100)) if plot else None
+    pictures = Snapshots(SHOWN, (0, 100)) if plot else None
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         fields.write(problem.t)
@@ -93,7 +93,7 @@ def main(
         curve.plot(history["zeta"], history["traction"], "o", mfc="none", label="vmdg")
         curve.set(xlabel=r"residual gap $\zeta_n$ [mm]", ylabel=r"traction $T_n$ [MPa]")
         curve.legend()
-        pictures.figure.savefig(Path(out) / "patch_tension.png", dpi=150)
+        pictures.figure.savefig(Path(out) / "patch_tension.png")
     if problem.comm.rank == 0:
         print(f"mesh and kernels {compiled - start:.2f} s, steps {perf_counter() - compiled:.2f} s")
         print("Table 1, residual norm [N]     report         vmdg")

@@ -151,9 +151,9 @@ def draw(drawings: dict[str, Drawing]) -> plt.Figure:
     figure, axes = plt.subplots(lines, columns, squeeze=False, **size)
     for ax, (title, drawing) in zip(axes.flat, drawings.items(), strict=False):
         drawing(ax)
-        ax.set_title(title, size=10)
+        ax.set_title(title)
         ax.grid(lw=0.3)
-        ax.legend(fontsize=8)
+        ax.legend()
     for ax in axes.flat[len(drawings) :]:
         ax.set_axis_off()
     return figure
@@ -183,7 +183,7 @@ def main(
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "plasticity.md").write_text(table(rows) + "\n")
         if plot and drawings:
-            draw(drawings).savefig(Path(out) / "plasticity.png", dpi=110)
+            draw(drawings).savefig(Path(out) / "plasticity.png")
         print(table(rows))
         print(f"results are in {out}")
     return rows

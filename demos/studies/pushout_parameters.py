@@ -133,6 +133,7 @@ def curves(runs: dict[str, vmdg.History], friction: float, fibre_modulus: float)
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
     for label, history in runs.items():
         punch, force, length = (history[name] for name in ("punch", "force", "debonded"))
+        label = label.replace("mu", "μ").replace(" x ", " × ")
         axes[0].plot(np.r_[0, punch], np.r_[0, force], label=label)
         axes[1].plot(np.r_[0, punch], np.r_[0, length], label=label)
         axes[2].plot(length, force, label="bond gone" if len(runs) == 1 else label)
@@ -215,7 +216,7 @@ def studied(
         (out / f"pushout_{study}.md").write_text(section_7_4(runs, study) + "\n")
         print(section_7_4(runs, study))
         figure = curves(runs, pushout.FRICTION, pushout.FIBRE_MODULUS)
-        figure.savefig(out / f"pushout_{study}.png", dpi=130)
+        figure.savefig(out / f"pushout_{study}.png")
     return runs
 
 

@@ -141,17 +141,16 @@ def pull(law: vmdg.Law, degree: int, element_size: float, steps: int, **options:
 
 def draw(run: Run, bonded: float) -> Figure:
     """Force over displacement and stress in the deformed cells; collective."""
-    figure, axes = plt.subplots(1, 2, figsize=(10.5, 3.8), layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(10.5, 4), layout="constrained")
     load = 1e3 * np.append(0, run.history["load"])
     axes[0].plot(load, np.append(0, run.history["force"]), ".-", label="vmdg")
     axes[0].plot([0, 1e3 * PEAK / bonded], [0, PEAK], "C1:", label="bonded")
     axes[0].axhline(PEAK, color="k", ls="--", lw=0.8, label="largest and last force, h to 0")
     axes[0].axhline(LAST, color="k", ls="--", lw=0.8)
     axes[0].set(xlabel="displacement of the right side [µm]", ylabel="force [N]", ylim=(0, None))
-    axes[0].legend(fontsize=8)
+    axes[0].legend()
     axes[0].grid(lw=0.3)
     stress(run.problem, "xx", magnify=4, ax=axes[1], limits=(0, 100))
-    axes[1].set_title("displacement x 4")
     return figure
 
 
@@ -201,7 +200,7 @@ def main(
     figure = draw(best, bonded) if plot else None
     if MPI.COMM_WORLD.rank == 0:
         if figure:
-            figure.savefig(folder / "two_inclusions.png", dpi=130)
+            figure.savefig(folder / "two_inclusions.png")
         print(markdown(("", "vmdg", "h -> 0", "error"), rows))
         print(f"results are in {folder}")
     return best, bonded

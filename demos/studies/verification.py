@@ -31,7 +31,7 @@ def draw(runs: dict[str, vmdg.History]) -> plt.Figure:
         mine = {name: history for name, history in runs.items() if name.startswith(scene)}
         for ax, (column, label) in zip(row, columns, strict=True):
             for i, (name, history) in enumerate(mine.items()):
-                ax.plot(history["load"], history[column], f"C{i}", label=name)
+                ax.plot(history["load"], history[column], f"C{i}", label=name.replace("mu", "μ"))
                 theory = history[f"{column}_exact"]
                 ax.plot(history["load"], theory, "k--", lw=1, label="_" * i + "beam theory")
             ax.set(xlabel=f"{motion} [mm]", ylabel=label)
@@ -83,7 +83,7 @@ def main(
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "verification.md").write_text(table(checks) + "\n")
         if runs and plot:
-            draw(runs).savefig(Path(out) / "verification.png", dpi=130)
+            draw(runs).savefig(Path(out) / "verification.png")
         print(table(checks))
         print(f"results are in {out}")
     return checks

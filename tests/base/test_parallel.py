@@ -136,12 +136,12 @@ def test_calls_of_some_ranks(comm):
 
 
 @SEVERAL_RANKS
-def test_a_rank_that_waits_says_so(comm, capfd):
+def test_a_rank_that_waits_says_so(comm, caplog):
     """In a call of all ranks to which others come late."""
     if comm.rank > 0:
         time.sleep(2.0)
     same_call(comm, "problem.reaction", reminder=0.5)
-    assert ("has waited 0.5 s in problem.reaction" in capfd.readouterr().err) == (comm.rank == 0)
+    assert ("has waited 0.5 s in problem.reaction" in caplog.text) == (comm.rank == 0)
 
 
 def test_numbers_of_any_kind(comm):

@@ -8,6 +8,7 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 from support.problems import couple
 from support.scenes import LEFT, RIGHT, two_blocks
@@ -57,7 +58,7 @@ def test_curve():
         history.append({"load": t, "force [N]": 3 * t})
     ax = plot.curve(history, "load", "force [N]", origin=True, label="run")
     assert ax.lines[0].get_xydata().tolist() == [[0, 0], [1, 3], [2, 6]]
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("load", "force [N]")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("load factor", "force [N]")
     assert plot.curve(history, "load", "load", ax).get_ylabel() == "force [N]"
     assert ax.lines[1].get_xydata().tolist() == [[1, 1], [2, 2]]
     with pytest.raises(KeyError, match="no column 'work'"):
@@ -154,26 +155,48 @@ def test_mode_map_in_3d(comm):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("y [mm]", "z [mm]")
 
 
+@pytest.fixture
+def coloured(monkeypatch) -> list:
+    """What has got a colour bar, in order."""
+    drawn, colorbar = [], Figure.colorbar
+
+    def seen(figure, mappable, *args, **kwargs):
+        drawn.append(mappable)
+        return colorbar(figure, mappable, *args, **kwargs)
+
+    monkeypatch.setattr(Figure, "colorbar", seen)
+    return drawn
+
+
+def values_of(drawn) -> np.ndarray:
+    return np.asarray(drawn.get_array()).ravel()
+
+
+def label_of(drawn) -> str:
+    bar = drawn.colorbar.ax
+    return bar.get_xlabel() + bar.get_ylabel()
+
+
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_points_of_interfaces(comm, cell):
-    """All points of all interfaces on rank 0, coloured by what they have; few where it is asked."""
-    problem = bonded(comm, cell)
-    ax = plot.interface_points(problem, lambda state: state.points[:, 1], limits=(0, 2), s=9)
-    y = np.concatenate(comm.allgather(problem.state[0].points[:, 1]))
-    (drawn,) = ax.collections
-    few = plot.interface_points(problem, lambda state: state.points[:, 1], above=0.5)
-    assert ax.name == ("3d" if cell == "hexahedron" else "rectilinear")
-    assert drawn.get_clim() == (0, 2)
+def test_map_of_interfaces(comm, cell, coloured):
+    """All facets of all interfaces on rank 0, coloured by their means; few where it is asked."""
+    problem = bonded(comm, cell, 4)
+    ax = plot.interface_map(problem, lambda state: state.points[:, 1], limits=(0, 2))
+    plot.interface_map(problem, lambda state: state.points[:, 1], above=0.5)
+    plot.interface_map(problem)
+    middles = np.repeat([0.125, 0.375, 0.625, 0.875], 1 if cell == "quadrilateral" else 4)
     if comm.rank == 0:
-        assert np.sort(np.asarray(drawn.get_array())) == pytest.approx(np.sort(y), abs=1e-15)
-        assert len(few.collections[0].get_array()) == (y > 0.5).sum() == len(y) / 2
-        if ax.name == "rectilinear":
-            places = [[1.0, value] for value in drawn.get_array()]
-            assert np.asarray(drawn.get_offsets()) == pytest.approx(np.array(places), abs=1e-15)
-    bar = plot.interface_points(problem).collections[0].colorbar.ax
-    assert "damage" in bar.get_xlabel() + bar.get_ylabel()
+        every, few, named = coloured
+        assert np.sort(values_of(every)) == pytest.approx(middles)
+        assert np.sort(values_of(few)) == pytest.approx(middles[middles > 0.5])
+        assert every.get_clim() == (0, 2)
+        assert "damage" in label_of(named)
+        if cell == "quadrilateral":
+            lines = np.array(ax.collections[1].get_segments())
+            assert lines[..., 0] == pytest.approx(1.0)
+            assert lines[..., 1].mean(axis=1) == pytest.approx(values_of(every))
     with pytest.raises(ValueError, match="not a scalar of an interface"):
-        plot.interface_points(problem, "colour")
+        plot.interface_map(problem, "colour")
 
 
 # Stress
@@ -213,6 +236,26 @@ def test_stress_of_bodies(comm):
         plot.stress(problem, "rr")
 
 
+def test_scale_of_colours(comm, coloured):
+    """Pointed where values lie beyond it; around the only value there is."""
+    problem = bonded(comm)
+    with_opening(problem, lambda x: np.stack([0.01 * x[0], 0 * x[0]]))
+    plot.stress(problem, "xx")
+    low, high = coloured[-1].get_clim()
+    middle = (low + high) / 2
+    for limits, ends in {
+        (low, high): "neither",
+        (low, middle): "max",
+        (middle, high): "min",
+        (0.9 * middle, middle): "both",
+    }.items():
+        plot.stress(problem, "xx", limits=limits)
+        if comm.rank == 0:
+            assert coloured[-1].colorbar.extend == ends
+    plot.stress(problem, "xy")
+    assert coloured[-1].get_clim() == (-0.1, 0.1)
+
+
 def test_nodal_means(comm):
     """Of a linear field sampled in the cells: exact inside, jumps at the interface stay."""
     problem = bonded(comm, n=4)
@@ -229,7 +272,7 @@ def test_nodal_means(comm):
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_rounding_is_drawn_as_zero(comm, cell):
+def test_rounding_is_drawn_as_zero(comm, cell, coloured):
     """Of blocks that have come free; a stress is drawn, however small the load that makes it."""
     scene = two_blocks(comm, cell)
     problem = couple(scene, LAW, (SOFT, STIFF))
@@ -239,15 +282,14 @@ def test_rounding_is_drawn_as_zero(comm, cell):
     )
     for t, free in ((1e-11, False), (0.4, True)):
         vmdg.solve(problem, [t])
-        ax = plot.stress(problem, "xx")
-        drawn, means = np.asarray(ax.collections[0].get_array()), stress_means(problem, "xx")
+        plot.stress(problem, "xx")
+        means = stress_means(problem, "xx")
         sigma = comm.allreduce(np.abs(problem.stress().x.array).max(), max)
         assert 0 < sigma < 1e-6
         assert (means == 0).all() == free
         if comm.rank == 0:
-            assert (drawn == 0).all() == free
-            bar = ax.collections[0].colorbar.ax
-            assert ("(0: below" in bar.get_xlabel() + bar.get_ylabel()) == free
+            assert (values_of(coloured[-1]) == 0).all() == free
+            assert ("(0: below" in label_of(coloured[-1])) == free
     # So is what is rounding beside another component.
     problem = bonded(comm, cell)
     stretch = np.diag([0.01, 0.0, 0.0])[: problem.mesh.geometry.dim]
@@ -334,21 +376,34 @@ def renderer():
         pytest.skip("PyVista cannot draw without a display here")
 
 
-def test_solid_picture(comm, out, renderer):
-    """A picture of several colours is written."""
-    problem = bonded(comm, "hexahedron")
-    with_opening(problem, lambda x: np.stack([0.02 * x[0] * x[1], 0 * x[0], 0 * x[0]]))
-    plot.solids.picture(out / "a" / "solid.png", problem, "xx", magnify=3, size=(300, 200))
+def test_solid_picture(comm, renderer):
+    """A gap between two bodies of different stress: white where nothing is, colours of both."""
+    problem = with_opening(bonded(comm, "hexahedron"), lambda x: 0.02 * x * [[1], [0], [0]])
+    second = problem.space.dofmap.list[problem.discretization.bodies.cells_of[2]]
+    problem.u.x.array.reshape(-1, 3)[np.unique(second), 0] += 0.3
+    problem.step.assemble_residual()
+    assert plot.stress(problem, "xx", magnify=2).get_xlabel().endswith("displacements × 2")
+    ax = plot.stress(problem, "xx", view=(0, -1, 0))
+    damage = plot.interface_map(problem)
     if comm.rank == 0:
-        with Image.open(out / "a" / "solid.png") as picture:
-            assert picture.size == (300, 200)
-            assert len(set(picture.convert("RGB").getdata())) > 50
-    with pytest.raises(ValueError, match=r"the problem is plane; use vmdg.plot.stress"):
-        plot.solids.picture(out / "solid.png", bonded(comm))
+        assert ax.get_xlabel() == "2 × 1 × 1 mm"
+        picture = np.asarray(ax.images[0].get_array(), dtype=float)
+        middle = picture[len(picture) // 2]
+        white = (middle > 254).all(axis=1)
+        inner = np.flatnonzero(~white)
+        gap = white[inner[0] : inner[-1]].mean()
+        assert gap == pytest.approx(0.3 / 2.34, abs=0.03)
+        left, right = (middle[inner[0] + 20], middle[inner[-1] - 20])
+        assert np.abs(left - right).max() > 50
+        assert damage.images
+    with pytest.raises(ValueError, match="without projection='3d'"):
+        plot.stress(problem, "xx", ax=plt.figure().add_subplot(projection="3d"))
 
 
 def test_without_pyvista(comm, monkeypatch):
-    """The message names the cure."""
+    """The run does not end: the axes say what is missing, and the cure."""
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(ImportError, match="pip install pyvista"):
-        plot.solids.picture("solid.png", bonded(comm, "hexahedron", n=1))
+    ax = plot.stress(bonded(comm, "hexahedron", n=1))
+    if comm.rank == 0:
+        assert "pip install pyvista" in ax.texts[0].get_text()
+        assert not ax.images

@@ -11,7 +11,6 @@ from __future__ import annotations
 import inspect
 import pickle
 import signal
-import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterable, Mapping
@@ -24,7 +23,7 @@ from typing import Any, TypeVar, cast
 from mpi4py import MPI
 
 from .door import door
-from .parallel import PATIENCE, end_job, global_any, within
+from .parallel import LOG, PATIENCE, end_job, global_any, within
 from .texts import as_text
 
 #: Seconds that a rank waits for another one before it prints a reminder.
@@ -184,13 +183,12 @@ def _received(comm: MPI.Comm, source: int, mine: BaseException | None) -> bytes 
 
 
 def _remind(comm: MPI.Comm, waited: str) -> None:
-    """Print how long this rank has waited, and a possible reason."""
-    print(
-        f"vmdg: rank {comm.rank} has waited {waited}. If this never ends, look for a collective "
-        "call, such as problem.reaction, that only some ranks make, for example under `if rank == "
-        "0`",
-        file=sys.stderr,
-        flush=True,
+    """Say how long this rank has waited, and a possible reason."""
+    LOG.warning(
+        "vmdg: rank %d has waited %s. If this never ends, look for a collective call, such as "
+        "problem.reaction, that only some ranks make, for example under `if rank == 0`",
+        comm.rank,
+        waited,
     )
 
 
@@ -221,7 +219,7 @@ class Interrupt:
         self._asked = True
         if self._comm.rank == 0:
             words = "the run ends after this attempt of a step; press Ctrl-C again to stop at once"
-            print(f"\nvmdg: {words}", file=sys.stderr, flush=True)
+            LOG.warning("\nvmdg: %s", words)
 
     def check(self) -> None:
         """Stop here if any rank was interrupted; collective."""

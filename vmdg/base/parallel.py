@@ -7,6 +7,7 @@ job.
 from __future__ import annotations
 
 import faulthandler
+import logging
 import signal
 import sys
 import time
@@ -25,6 +26,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import compat
 
 _PACKAGE = __name__.partition(".")[0]
+
+#: Messages of a rank about the others, on the screen where no program listens.
+LOG = logging.getLogger(_PACKAGE)
 
 #: Seconds that a failed rank waits for the others.
 PATIENCE = 10.0
@@ -178,7 +182,7 @@ def within(seconds: float, done: Callable[[], bool]) -> bool:
 
 def end_job(message: str) -> NoReturn:
     """Abort all ranks, where they cannot raise an error each."""
-    print(f"vmdg: {message}: the job is aborted on all ranks", file=sys.stderr)
+    LOG.critical("vmdg: %s: the job is aborted on all ranks", message)
     sys.stdout.flush()
     sys.stderr.flush()
     MPI.COMM_WORLD.Abort(1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from os import PathLike
@@ -20,6 +22,11 @@ def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = Non
     if name.lower() in lower:
         close = {lower[name.lower()]: None}
     return f". Did you mean {' or '.join(map(repr, close))}?" if close else ""
+
+
+def pip_install(packages: str) -> str:
+    """The command that adds packages to the Python that runs."""
+    return f"{os.environ.get('VMDG_PIP') or f'{sys.executable} -m pip install'} {packages}"
 
 
 def checked_path(what: str, path: Any) -> Path:

@@ -217,7 +217,7 @@ class Field:
             sigma: Standard deviations (n,), or one; None for none.
         """
         rest = self.sigma * self.without_nuisances((self.data - fitted) / self.sigma)
-        axes.plot(self.abscissae, fitted + rest, "k.", ms=2, label="measured")
-        axes.plot(self.abscissae, fitted, "C0_", ms=4, label="model")
+        axes.plot(self.abscissae, fitted, "C0_", ms=10, label="model")
+        axes.plot(self.abscissae, fitted + rest, "k.", ms=3, label="measured")
         axes.set(ylabel=f"displacements of the {self.column}")
         axes.legend()

@@ -163,6 +163,9 @@ class AxialMotion:
             )
         self._problem = problem
 
+    def __repr__(self) -> str:
+        return f"AxialMotion(strain={self.strain:.6g})"
+
     @property
     def strain(self) -> float:
         """F_33 - 1."""

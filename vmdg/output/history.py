@@ -7,7 +7,6 @@ import io
 import json
 import os
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, SupportsIndex, overload
@@ -22,7 +21,7 @@ from ..base.disk import put_aside, replacing
 from ..base.door import door
 from ..base.parallel import raise_together
 from ..base.tables import html_table, short
-from ..base.words import checked_path
+from ..base.words import checked_path, pip_install
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -196,9 +195,8 @@ class History:
             import pandas
         except ImportError as error:
             raise ImportError(
-                f"History.to_pandas needs pandas ({error}): install it for this Python, "
-                f"{sys.executable} -m pip install pandas (Debian: apt install python3-pandas; "
-                "conda: conda install pandas); or use to_csv"
+                f"History.to_pandas needs pandas ({error}): {pip_install('pandas')} (Debian's own "
+                "Python: apt install python3-pandas; conda install pandas); or use to_csv"
             ) from error
         frame = pandas.DataFrame(self.rows, columns=self.columns)
         frame.attrs["units"] = dict(self.units)

@@ -25,7 +25,7 @@ LABELS: Mapping[str, str] = {
     "slip": r"slip $|\zeta_T|$ [mm]",
     "traction": r"normal traction $T_N$ [MPa]",
     "shear": r"shear traction $|T_T|$ [MPa]",
-    "damage": r"damage $Q/P_c$ [-]",
+    "damage": r"damage $Q/P_c$",
     "mode": "mode",
     "fine_scale": "fine-scale error [mm]",
 }

@@ -11,6 +11,7 @@ from dolfinx.plot import vtk_mesh
 from numpy.typing import NDArray
 
 from ..base.disk import replacing
+from ..base.words import pip_install
 
 #: Names of meshio for cells of degree 1 and 2.
 _CELLS = {
@@ -25,8 +26,7 @@ _CELLS = {
 def check_meshio() -> None:
     if find_spec("meshio") is None:
         raise ImportError(
-            "FieldWriter: format='vtu' needs meshio: pip install 'vmdg[mesh]', or pip install "
-            "meshio; format='bp' does not"
+            f"FieldWriter: format='vtu' needs meshio: {pip_install('meshio')}; format='bp' does not"
         )
 
 
@@ -44,7 +44,8 @@ class Series:
         mesh = functions[0].function_space.mesh
         degree = min(2, max(one.function_space.ufl_element().degree for one in functions))
         self._given, self._folder, self._comm = functions, folder, mesh.comm
-        self._titles, self._times = titles, []
+        self._titles = titles
+        self._times: list[float] = []
         spaces = [
             fem.functionspace(mesh, ("DG", degree, one.function_space.value_shape))
             for one in functions

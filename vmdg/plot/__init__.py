@@ -1,33 +1,21 @@
-"""Plots with matplotlib: curves, interfaces, stress, animations.
+"""Plots with matplotlib: curves, interfaces, stress, animations; solids are rendered by PyVista.
 
-Functions of a problem are collective: every rank calls them, rank 0 draws and saves.
-:mod:`vmdg.plot.solids` renders solids with PyVista, if it is installed.
+Functions of a problem are collective: every rank calls them, rank 0 draws and saves. Where PyVista
+is not installed, axes of solids say so. The pictures of the gallery have the style
+``plt.style.use("vmdg.plot.paper")``.
 """
 
 from ..output.profile import profile
-from . import solids as solids
 from .animation import animate, film
-from .interface import interface_points, interface_profile, mode_map
-from .stress import (
-    add_colorbar,
-    cell_means,
-    curve,
-    deformed_corners,
-    deformed_polygons,
-    draw_cells,
-    stress,
-)
+from .interface import interface_map, interface_profile, mode_map
+from .stress import add_colorbar, curve, stress
 
 __all__ = [
     "add_colorbar",
     "animate",
-    "cell_means",
     "curve",
-    "deformed_corners",
-    "deformed_polygons",
-    "draw_cells",
     "film",
-    "interface_points",
+    "interface_map",
     "interface_profile",
     "mode_map",
     "profile",

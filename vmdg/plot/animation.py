@@ -67,15 +67,15 @@ def animate(
     rows = np.arange(len(history) - len(snapshots), len(history))
     factors = np.broadcast_to(magnify, len(snapshots))
     found, low, high = _ranges(problem, snapshots, factors, component)
-    options: dict[str, Any] = {"component": component, "limits": limits or found, "edges": 0}
+    options: dict[str, Any] = {"component": component, "limits": limits or found}
     figure = plt.figure(figsize=figsize)
     solid = problem.mesh.geometry.dim == 3
     grid = figure.add_gridspec(1, 2, width_ratios=(1.5, 1))
-    shape = figure.add_subplot(grid[0], projection="3d" if solid else None)
+    shape = figure.add_subplot(grid[0])
     # The whole curve in grey; a line and a point will follow it.
     ax = curve(history, x, y, figure.add_subplot(grid[1]), origin=True, color="0.85")
     (line,) = ax.plot([], [], color="black")
-    (point,) = ax.plot([], [], "o", color="C3", clip_on=False, zorder=3)
+    (point,) = ax.plot([], [], "o", color="tab:red", clip_on=False, zorder=3)
     if rank == 0:
         path.parent.mkdir(parents=True, exist_ok=True)
     writer = (FFMpegWriter if path.suffix == ".mp4" else GifWriter)(fps)
@@ -83,14 +83,9 @@ def animate(
         for row, snapshot, factor in zip(rows, snapshots, factors, strict=True):
             problem.step.return_to(snapshot)
             shape.clear()
-            # In 2D the colour bar belongs to the axes and is removed with their content.
-            bar = not solid or row == rows[0]
-            stress(problem, ax=shape, magnify=factor, colorbar=bar, **options)
-            shape.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-            if solid:
-                shape.set(zlim=(low[2], high[2]), aspect="equal")
-            scale = "true scale" if factor == 1 else f"displacement x {factor:.3g}"
-            shape.set_title(scale, size=10)
+            stress(problem, ax=shape, magnify=factor, box=np.stack([low, high]), **options)
+            if not solid:
+                shape.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
             line.set_data(np.r_[0, history[x][: row + 1]], np.r_[0, history[y][: row + 1]])
             point.set_data(history[x][[row]], history[y][[row]])
             if row == rows[0]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
@@ -25,7 +25,18 @@ from ..output.values import (
 )
 from ..points.interface import Which, number_of
 from ..problem.problem import Problem
-from .stress import Limits, add_colorbar, axis_names, on_first_rank
+from .solids import axes_of, draw_solid, surface, widen
+from .stress import (
+    Limits,
+    add_colorbar,
+    axis_names,
+    deformed_corners,
+    extent,
+    label_axis,
+    label_plane,
+    on_first_rank,
+    owned_cells,
+)
 
 MODES = {
     Mode.ELASTIC: ("bonded or sticking", "#dddddd"),
@@ -75,60 +86,85 @@ def interface_profile(
     for rows in profile(problem, interface, quantity, along, centre):
         ax.plot(*rows.T, **style)
     label = LABELS[quantity] if isinstance(quantity, str) else ""
-    ax.set(xlabel=_along_label(problem, along), ylabel=label)
+    drawn = [line.get_xydata() for line in ax.lines]
+    sizes = np.abs(np.concatenate([np.zeros((1, 2)), *drawn])).max(axis=0)
+    label_axis(ax.xaxis, _along_label(problem, along), sizes[0])
+    label_axis(ax.yaxis, label, sizes[1])
     ax.margins(x=0)
     if along == "angle":
         ax.xaxis.set_major_locator(MultipleLocator(45))
     return ax
 
 
-def interface_points(
+def interface_map(
     problem: Problem,
     quantity: Quantity = "damage",
     ax: Axes | None = None,
     limits: Limits | None = None,
     above: float = -np.inf,
     colorbar: bool = True,
-    **style: object,
+    colours: str = "YlOrRd",
 ) -> Axes:
-    """Draw the points of all interfaces in the undeformed body by a quantity; collective.
+    """Draw all interfaces in the undeformed body by a quantity; collective.
+
+    In the plane every open facet is a line with the colour of its mean, see
+    :func:`vmdg.output.values.facet_scalar`; of a solid interfaces are smooth surfaces between the
+    edges of the body, drawn by PyVista.
 
     Args:
         problem: The problem.
         quantity: As for :func:`interface_profile`.
-        ax: Axes, with projection "3d" for solids; None for a new figure.
-        limits: Values at both ends of the colours; None for the full range.
-        above: Omit points with a value that is not larger, which would hide others in a solid.
+        ax: Axes, of two dimensions also for solids; None for a new figure.
+        limits: Values at both ends of the colours; None for the full range, of damage 0 to 1.
+        above: Omit facets with a value that is not larger, which would hide others in a solid.
         colorbar: Whether to add a colour bar.
-        **style: For ``Axes.scatter``, for example ``s=10`` or ``cmap="viridis"``.
+        colours: Name of a colour map.
 
     Returns:
         The axes; only those of rank 0 contain the plot.
 
     Raises:
-        ValueError: unknown ``quantity``.
+        ValueError: unknown ``quantity``, or axes of three dimensions.
     """
     d = problem.mesh.geometry.dim
-    if ax is None:
-        figure = plt.figure(layout="constrained")
-        ax = figure.add_subplot(projection="3d" if d == 3 else None)
-    points, values = [np.zeros((0, d))], [np.zeros(0)]
-    for i, state in enumerate(problem.state):
-        points.append(state.points[:, :d])
-        values.append(values_at_points(problem, i, quantity))
-    x, shown = on_first_rank(problem, np.concatenate(points), np.concatenate(values))
-    seen = shown > above
-    low, high = limits or (None, None)
-    style = {"s": 4, "cmap": "inferno_r", "vmin": low, "vmax": high, **style}
-    drawn = ax.scatter(*x[seen].T, c=shown[seen], **style)
-    names = axis_names(problem)
-    if d == 3:
-        sides = np.transpose(global_box(problem.comm, problem.mesh.geometry.x))
-        ax.set(xlim=sides[0], ylim=sides[1], zlim=sides[2], zlabel=f"{names[2]} [mm]")
-    ax.set(aspect="equal", xlabel=f"{names[0]} [mm]", ylabel=f"{names[1]} [mm]")
-    if colorbar:
+    ax = axes_of(ax)
+    limits = (0.0, 1.0) if limits is None and quantity == "damage" else limits
+    every = [_open_facets(problem, i, quantity) for i in range(len(problem.interfaces))]
+    corners, values = (np.concatenate([some[k] for some in every]) for k in (0, 2))
+    corners, values = corners[values > above], values[values > above]
+    solid = d == 3
+    cells, local = surface(problem, faces=False) if solid else owned_cells(problem)
+    (body,) = on_first_rank(problem, deformed_corners(problem, cells, local, 0.0))
+    box, drawn = global_box(problem.comm, problem.mesh.geometry.x), None
+    if not solid:
+        (tags,) = on_first_rank(problem, shades(problem, cells))
+        greys = {"cmap": "gray", "clim": (0, 1), "edgecolor": "face", "linewidth": 0.3}
+        ax.add_collection(PolyCollection(body[..., :2], array=tags, **greys))
+        drawn = LineCollection(corners[..., :2], array=values, cmap=colours, linewidths=2.0)
+        drawn.set_clim(*(limits or (None, None)))
+        widen(drawn)
+        ax.add_collection(drawn)
+        ax.autoscale()
+        ax.set_aspect("equal")
+        label_plane(ax, problem)
+    else:
+        if problem.comm.rank == 0:
+            both = limits or (None, None)
+            drawn = draw_solid(ax, corners, values, both, colours, box, outline=body)
+        ax.set_xlabel(extent(box))
+    if colorbar and drawn is not None:
         add_colorbar(ax, drawn, LABELS[quantity] if isinstance(quantity, str) else "")
     return ax
+
+
+def shades(problem: Problem, cells: NDArray[np.int32]) -> NDArray[np.float64]:
+    """A light grey for every cell, by its body: 0 is black, 1 white."""
+    bodies = problem.discretization.bodies.cells_of
+    tags = sorted(set().union(*problem.comm.allgather(set(bodies))))
+    result = np.zeros(problem.mesh.topology.index_map(problem.mesh.topology.dim).size_local)
+    for tag, members in bodies.items():
+        result[members[members < len(result)]] = 0.96 - 0.14 * tags.index(tag) / len(tags)
+    return result[cells]
 
 
 def _along_label(problem: Problem, along: str) -> str:
@@ -186,14 +222,14 @@ def mode_map(
     ax.add_collection(drawn)
     ax.autoscale_view()
     ax.margins(0)
-    ax.set(xlabel=names[0], ylabel=names[1])
+    for axis, name, k in ((ax.xaxis, names[0], 0), (ax.yaxis, names[1], 1)):
+        label_axis(axis, name, np.abs(np.asarray(polygons)[..., k]).max(initial=0.0))
     if legend and quantity == "mode":
         present = [MODES[mode] for mode in np.unique(values)]
         ax.legend(
             handles=[Patch(color=colour, label=name) for name, colour in present],
             bbox_to_anchor=(0.5, 1.0),
             loc="lower center",
-            fontsize=8,
             frameon=False,
         )
     elif legend:
@@ -202,7 +238,7 @@ def mode_map(
 
 
 def _open_facets(
-    problem: Problem, interface: Which, quantity: str
+    problem: Problem, interface: Which, quantity: Quantity
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Corners (n, c, 3) [mm], mean normals (n, d) and values (n,) of all ranks, on all ranks."""
     i = number_of(problem.interfaces, interface)
@@ -215,7 +251,11 @@ def _open_facets(
     corners = corners_of_local(problem.mesh, local[rows])
     X, _ = positions_and_displacements(problem, cells[rows], corners)
     normals = facet_means(state, state.normal)
-    gathered = problem.comm.allgather((X, normals, facet_scalar(problem, i, quantity)))
+    if isinstance(quantity, str):
+        values = facet_scalar(problem, i, quantity)
+    else:
+        values = facet_means(state, values_at_points(problem, i, quantity))
+    gathered = problem.comm.allgather((X, normals, values))
     corners, normals, values = (np.concatenate(parts) for parts in zip(*gathered, strict=True))
     return corners, normals, values
 

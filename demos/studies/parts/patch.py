@@ -22,7 +22,6 @@ from scipy.optimize import brentq
 import vmdg
 from vmdg.forms import bubbles
 from vmdg.meshes import TaggedMesh, blocks
-from vmdg.plot import cell_means, deformed_polygons, draw_cells
 
 
 def uniaxial_stress(stretch: float, material: vmdg.NeoHookean) -> float:
@@ -145,7 +144,6 @@ def report_stabilization(material: vmdg.NeoHookean) -> Callable:
 
 
 MATERIAL = vmdg.NeoHookean(E=5000.0, nu=0.25)
-BACK = 6  # facets at z = 0, drawn in the pictures
 
 
 def build(
@@ -161,17 +159,14 @@ def build(
 
 
 class Snapshots:
-    """A column of pictures of sigma_xx on the deformed side, one for each chosen load.
+    """A column of pictures of sigma_xx on the deformed blocks, one for each chosen load.
 
     Args:
         limits: Of the colours [MPa].
     """
 
-    def __init__(
-        self, tagged: TaggedMesh, titles: Mapping[float, str], limits: tuple[float, float]
-    ):
+    def __init__(self, titles: Mapping[float, str], limits: tuple[float, float]):
         self._titles, self._limits = titles, limits
-        self._side = tagged.facet_tags.find(BACK)
         mosaic = [["curve", load] for load in titles]
         self.figure, axes = plt.subplot_mosaic(
             mosaic, figsize=(9.5, 5.2), width_ratios=[1.3, 1], layout="constrained"
@@ -184,13 +179,5 @@ class Snapshots:
         for load, ax in self._axes.items():
             if not np.isclose(problem.t, load):
                 continue
-            polygons, cells = deformed_polygons(problem, self._side)
-            values = cell_means(problem.stress(), (0, 0))[cells]
-            drawn = draw_cells(ax, problem, polygons, values, self._limits)
-            title = self._titles[load]
-            ax.set(title=title, ylabel="y [mm]", xlim=(-0.05, 2.45), ylim=(-0.25, 1.05))
-            if ax is list(self._axes.values())[-1]:
-                ax.set_xlabel("x [mm]")
-                self.figure.colorbar(
-                    drawn, ax=list(self._axes.values()), label=r"$\sigma_{xx}$ [MPa]"
-                )
+            vmdg.plot.stress(problem, "xx", ax=ax, limits=self._limits)
+            ax.set_title(self._titles[load])

@@ -42,4 +42,4 @@ def report(out: str, name: str, text: str, figure: Figure | None = None) -> None
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{name}.md").write_text(text + "\n")
     if figure is not None:
-        figure.savefig(folder / f"{name}.png", dpi=110)
+        figure.savefig(folder / f"{name}.png")

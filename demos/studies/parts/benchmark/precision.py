@@ -151,9 +151,9 @@ def plot(points: Sequence[Point]) -> Figure:
     """Error of u in L2 against unknowns (above) and processor time (below), by cell."""
     cells = list(dict.fromkeys(point.cell for point in points))
     figure, axes = plt.subplots(
-        2, len(cells), figsize=(3.4 * len(cells), 6), layout="constrained", squeeze=False
+        2, len(cells), figsize=(2.7 * len(cells), 6), layout="constrained", squeeze=False
     )
-    styles = {"plain": "k-", "vmdg": "C0--", "springs": "C3:"}
+    styles = {"plain": "k-", "vmdg": "C0--", "springs": "C1:"}
     names = {
         "plain": "plain finite elements",
         "vmdg": "vmdg, tied",
@@ -170,7 +170,7 @@ def plot(points: Sequence[Point]) -> Figure:
                         errors,
                         styles[method] + marker,
                         ms=4,
-                        label=f"{names[method]}, k = {degree}",
+                        label=f"{names[method]}, degree {degree}",
                     )
         column[0].set(title=cell, xlabel="unknowns")
         column[1].set(xlabel="processor time [s]")
@@ -179,5 +179,6 @@ def plot(points: Sequence[Point]) -> Figure:
             ax.xaxis.set_minor_formatter("")
     for ax in axes[:, 0]:
         ax.set_ylabel("error of u in L2")
-    axes[0, 0].legend(fontsize=6, loc="lower left")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure

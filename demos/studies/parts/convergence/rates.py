@@ -366,7 +366,7 @@ def draw(rows: Sequence[Row]) -> Figure:
     top = max(row.study.contrast for row in hardest)
     hardest = [row for row in hardest if row.study.contrast == top]
     markers = dict(zip(DIMENSION, "^so*", strict=True))
-    colours = {1: "tab:blue", 2: "tab:orange", 3: "tab:green"}
+    colours = {1: "C0", 2: "C1", 3: "C2"}
     for ax, norm, title in zip(axes, NORMS, titles, strict=True):
         for row in hardest:
             s = row.study
@@ -382,6 +382,7 @@ def draw(rows: Sequence[Row]) -> Figure:
     kinds = [
         Line2D([], [], color="gray", mfc="none", marker=m, label=c) for c, m in markers.items()
     ]
+    kinds += [Line2D([], [], color=c, label=f"degree {k}") for k, c in colours.items()]
     axes[-1].legend(handles=kinds, fontsize=8, loc="lower right")
     figure.suptitle(f"Curved interface, distorted cells, moduli 1 : {top:g}")
     return figure
