@@ -30,6 +30,7 @@ PACKAGES = (
 #: What renders pictures of solids with PyVista, which pip installs next to a tree. Not part of the
 #: name of a tree, since nothing else needs it, and pictures say what is missing.
 PICTURES = ("libegl1", "libgl1-mesa-dri")
+PYVISTA = ("pyvista==0.49.1", "vtk==9.7.2")  # as in wheels.lock
 FORMAT = 1  # raise it when the way a tree is built changes: a new tree replaces the old one
 KEYRING = "/usr/share/keyrings/debian-archive-keyring.gpg"
 MPI_SESSIONS = "/run/mpi"  # inside a private tree, where nothing outlives the run
@@ -159,7 +160,7 @@ def build(folder: Path, suite: str) -> None:
         remove(part)
         die("the tree could not be built")
     part.rename(folder)
-    pip = inside(folder, ["/usr/bin/python3", *"-m pip install --no-input pyvista".split()])
+    pip = inside(folder, ["/usr/bin/python3", *"-m pip install --no-input".split(), *PYVISTA])
     if common.run(pip, capture_output=True, env=variables(folder)).returncode != 0:
         say("PyVista could not be installed: pictures of solids will be missing")
     say(f"built in {time.monotonic() - start:.0f} s")
