@@ -86,6 +86,21 @@ def test_unloading_needs_no_mesh(comm):
     assert len(found.results) == len(found.transfers) + 1
 
 
+def test_rows_are_not_lost(comm):
+    """An error of the monitor has the rows so far and the problem, in the state of the last one."""
+
+    def fails(problem):
+        if problem.t > 0.35:
+            raise ArithmeticError("no number")
+        return opened(problem)
+
+    with pytest.raises(ArithmeticError) as caught:
+        vmdg.solve_adaptively(makes(comm), LOADS, FINE, WINDOW, ENERGY, fails)
+    rows, problem = caught.value.result.history, caught.value.problem
+    assert 0 < rows["load"][-1] == problem.t <= 0.35
+    assert rows["force"][-1] == pytest.approx(opened(problem)["force [N]"], rel=1e-9)
+
+
 def test_wrong_arguments(comm):
     """Words that name what is wrong."""
     make = makes(comm)

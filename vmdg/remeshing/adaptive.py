@@ -139,15 +139,39 @@ def solve_adaptively(
     Raises:
         ValueError: sizes that are not positive, a window smaller than four cells, options that
             write files, a mesh with more unknowns, or what :func:`transfer` refuses.
-        StepFailure: as of :func:`.solve`, or if fronts leave every window within a row.
+        StepFailure: as of :func:`.solve`.
+        RuntimeError: fronts leave every window within a row, or as of :func:`transfer`.
+
+    An exception has the rows so far as ``result``, and the problem as ``problem``.
     """
     options = _checked(fine, window, options)
-    around, reached, again = Window(fine, window), 0, 0
-    run = Adapted(_made(make_problem, around, most_unknowns), History())
+    run = Adapted(_made(make_problem, Window(fine, window), most_unknowns), History())
     loads = checked_loads(loads, run.problem, None)
+    try:
+        _follow(run, make_problem, loads, Window(fine, window), options, monitor, most_unknowns)
+    except BaseException as error:
+        error.problem = run.problem  # type: ignore[attr-defined]
+        if run.results and not hasattr(error, "result"):
+            error.result = run.results[-1]  # type: ignore[attr-defined]
+        raise
+    return run
+
+
+def _follow(
+    run: Adapted,
+    make_problem: Callable[[Window], Problem],
+    loads: Array,
+    around: Window,
+    options: SolveOptions,
+    monitor: Monitor | None,
+    most_unknowns: float,
+) -> None:
+    """The rows of all meshes; collective."""
+    radius, reached, again = around.radius, 0, 0
     while True:
-        problem, step = run.problem, run.problem.step
-        kept, said = [Kept(step.snapshot(), step.scales, len(run.history), reached, 0)], []
+        problem, step, first = run.problem, run.problem.step, len(run.history)
+        # The last row within the window.
+        kept, said = [Kept(step.snapshot(), step.scales, first, reached, 0)], []
 
         def watch(problem: Problem) -> dict[str, float]:
             dofmap = problem.space.dofmap
@@ -156,31 +180,32 @@ def solve_adaptively(
 
         def leaves(problem: Problem, kept=kept, said=said, around=around) -> bool:
             farthest = _farthest(problem, around)
-            if farthest <= window:
-                done = kept[-1].loads
+            if farthest <= radius:
+                done = kept[0].loads
                 done += problem.t == loads[done]
                 here = problem.step.snapshot(), problem.step.scales
-                kept.append(Kept(*here, len(run.history), done, len(said)))
-            return farthest > MOVES * window
+                kept[0] = Kept(*here, len(run.history), done, len(said))
+            return farthest > MOVES * radius
 
         with _held_back(said, kept):
             result = solve(problem, loads[reached:], options, watch, run.history, until=leaves)
         run.results.append(result)
         run.history = result.history
-        if kept[-1].loads == len(loads):
-            return run
-        around = _window(problem, fine, window)
-        state, step.scales, count, reached, _ = kept[-1]
-        again = again + 1 if count == kept[0].rows else 0
-        if again > MOST:
-            raise ValueError(
-                f"solve_adaptively: fronts leave the window of {window:.3g} mm within every step "
-                f"from load factor {state.t:.6g} on; use a larger window or smaller load steps"
-            )
+        if kept[0].loads == len(loads):
+            return
+        around = _window(problem, around)
+        state, step.scales, count, reached, _ = kept[0]
         del run.history.rows[count:]
         step.return_to(state)
-        run.problem = _made(make_problem, around, most_unknowns)
-        run.transfers.append(transfer(problem, run.problem))
+        again = again + 1 if count == first else 0
+        if again > MOST:
+            raise RuntimeError(
+                f"solve_adaptively: fronts leave the window of {radius:.3g} mm within every step "
+                f"from load factor {state.t:.6g} on; use a larger window or smaller load steps"
+            )
+        finer = _made(make_problem, around, most_unknowns)
+        run.transfers.append(transfer(problem, finer))
+        run.problem = finer
 
 
 def _checked(fine: float, window: float, options: SolveOptions | None) -> SolveOptions:
@@ -222,9 +247,10 @@ def _front(problem: Problem) -> Array:
     return np.concatenate(found)
 
 
-def _window(problem: Problem, fine: float, radius: float) -> Window:
+def _window(problem: Problem, last: Window) -> Window:
     """The window around the present fronts: of the interfaces near them, places no farther from
     each other than a cell; collective."""
+    fine, radius = last.fine, last.radius
     fronts, found = gathered(problem.comm, _front(problem)), [NONE]
     tree = scipy.spatial.cKDTree(fronts)
     for active in problem.discretization.active.values():
@@ -255,7 +281,7 @@ def _held_back(said: list[warnings.WarningMessage], kept: list[Kept]) -> Iterato
             yield
         ended = True
     finally:
-        for one in said[: kept[-1].warned] if ended else said:
+        for one in said[: kept[0].warned] if ended else said:
             warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
 
 

@@ -98,11 +98,15 @@ def transfer(old: Problem, new: Problem) -> Transfer:
         RuntimeError: the new state cannot be balanced; the new problem is as it was.
     """
     _check(old, new)
-    step, start = new.step, new.step.snapshot()
+    step, starts = new.step, [values.copy() for values in new.loading.given.starts]
+    before = step.snapshot(), step.scales, step.sliding
     try:
         return _carry(old, new)
-    except Exception:
-        step.return_to(start)
+    except BaseException:
+        state, step.scales, step.sliding = before
+        for mine, values in zip(new.loading.given.starts, starts, strict=True):
+            mine[:] = values
+        step.return_to(state)
         raise
 
 
