@@ -29,7 +29,7 @@ RANKS = (
     *("interface/test_nonmatching_bodies.py", "linear/test_system.py", "linear/test_ksp.py"),
     *("meshes/test_partition.py", "output", "points/test_gaps.py", "problem/test_periodic.py"),
     *("problem/test_rigid_face.py", "problem/test_surface.py", "problem/test_supports.py"),
-    *("sensitivity", "remeshing"),
+    *("meshes/test_refined.py", "remeshing/test_adaptive.py", "sensitivity"),
 )
 
 #: Seconds after which a test is taken for a deadlock, cold compilers included.

@@ -52,7 +52,7 @@ def opened(problem: vmdg.Problem) -> dict[str, float]:
     return {"force [N]": problem.reaction_points(where)[1]}
 
 
-@pytest.mark.parametrize("kinematics", ("small", "finite"))
+@pytest.mark.parametrize("kinematics", (pytest.param("small", marks=pytest.mark.long), "finite"))
 def test_peeled_beam(comm, kinematics):
     """Force and energies of the fixed mesh at all given load factors, with fewer unknowns; energies
     balance, and the wake is coarse again."""
