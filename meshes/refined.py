@@ -12,7 +12,8 @@ from dolfinx.mesh import Mesh, MeshTags, RefinementOption, entities_to_geometry,
 from numpy.typing import NDArray
 
 from .. import compat
-from ..base.parallel import gathered, raise_together
+from ..base.agreement import together
+from ..base.parallel import gathered
 from .apart import cells_in_order, distributed, names_of
 from .gmsh_model import TaggedMesh
 
@@ -53,17 +54,15 @@ def refined(root: TaggedMesh | tuple[Mesh, MeshTags, MeshTags], size: Size) -> T
         )
     names = [names_of([tags]) for tags in root[1:]]
     x, rows = (gathered(comm, part) for part in cells_in_order(comm, [tuple(root)]))
-    message = None
-    if comm.rank == 0:
-        try:
-            alone = distributed(MPI.COMM_SELF, x, rows, mesh, names)
-            x, rows = cells_in_order(MPI.COMM_SELF, [_halved(alone, size)])
-        except (TypeError, ValueError) as error:
-            message = str(error)
-    raise_together(comm, message)
-    if comm.rank:
-        x, rows = x[:0], rows[:0]
-    return distributed(comm, x, rows, mesh, names)
+
+    def finer() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Nodes and cells, of rank 0 alone."""
+        if comm.rank:
+            return x[:0], rows[:0]
+        alone = distributed(MPI.COMM_SELF, x, rows, mesh, names)
+        return cells_in_order(MPI.COMM_SELF, [_halved(alone, size)])
+
+    return distributed(comm, *together(comm, finer), mesh, names)
 
 
 def _halved(tagged: TaggedMesh, size: Size) -> tuple[Mesh, MeshTags, MeshTags]:

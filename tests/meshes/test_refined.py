@@ -61,3 +61,5 @@ def test_wrong_arguments(comm):
         refined(blocks(comm, "quadrilateral", (2, 2)), near_the_middle)
     with pytest.raises(ValueError, match="must return a positive length for each of them"):
         refined(blocks(comm, "triangle", (2, 2)), lambda x: 0 * x[0])
+    with pytest.raises(ZeroDivisionError):  # on every rank, though rank 0 alone asks for sizes
+        refined(blocks(comm, "triangle", (2, 2)), lambda x: 1 // 0)

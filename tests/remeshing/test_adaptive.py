@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.arms import CRACK, HEIGHT, LENGTH
+from support.arms import CRACK, HEIGHT, LENGTH, open_ends, opened
 
 import vmdg
 from vmdg.meshes import beams, refined
@@ -35,21 +35,10 @@ def makes(comm, kinematics: str = "small", unloading: str = "plastic"):
         problem = vmdg.Problem(
             mesh, cells, {1: body, 2: body}, [interface], degree=2, kinematics=kinematics
         )
-        for side in (1, -1):
-            problem.dirichlet_points(
-                lambda x, y=side * HEIGHT: np.isclose(x[0], 0.0) & np.isclose(x[1], y),
-                lambda t, side=side: side * t / 2,
-                "y",
-            )
-        problem.dirichlet(sides.find("right"), 0.0)
+        open_ends(problem, sides)
         return problem
 
     return make
-
-
-def opened(problem: vmdg.Problem) -> dict[str, float]:
-    where = lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], HEIGHT)  # noqa: E731
-    return {"force [N]": problem.reaction_points(where)[1]}
 
 
 @pytest.mark.parametrize("kinematics", (pytest.param("small", marks=pytest.mark.long), "finite"))

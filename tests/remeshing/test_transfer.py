@@ -5,18 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support import arms, plastic_bar
-from support.arms import HEIGHT
+from support.arms import opened
 
 import vmdg
 from vmdg.meshes import blocks
 
 BOND = vmdg.Debonding(strength=20.0, critical_gap=0.02)
 ENERGY = vmdg.SolveOptions(energy=True)
-
-
-def opened(problem: vmdg.Problem) -> dict[str, float]:
-    where = lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], HEIGHT)  # noqa: E731
-    return {"force [N]": problem.reaction_points(where)[1]}
 
 
 def beam(comm, facets: tuple[int, int], law: vmdg.Law = BOND, kinematics: str = "small"):

@@ -39,6 +39,12 @@ def bent_apart(
     bodies = {name: vmdg.NeoHookean(E=E, nu=0.3) for name, E in arms.items()}
     bond = vmdg.Interface(facets=sides.find("interface"), law=law, name="bond")
     problem = vmdg.Problem(mesh, cells, bodies, [bond], degree=2, kinematics=kinematics)
+    open_ends(problem, sides)
+    return problem, sides
+
+
+def open_ends(problem: vmdg.Problem, sides: MeshTags) -> None:
+    """Move the left corners apart by the load factor, and hold the right end."""
     for side in (1, -1):
         problem.dirichlet_points(
             lambda x, y=side * HEIGHT: np.isclose(x[0], 0.0) & np.isclose(x[1], y),
@@ -46,4 +52,9 @@ def bent_apart(
             "y",
         )
     problem.dirichlet(sides.find("right"), 0.0)
-    return problem, sides
+
+
+def opened(problem: vmdg.Problem) -> dict[str, float]:
+    """Monitor of the force that opens the beam."""
+    where = lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], HEIGHT)  # noqa: E731
+    return {"force [N]": problem.reaction_points(where)[1]}

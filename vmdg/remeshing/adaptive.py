@@ -145,10 +145,11 @@ def solve_adaptively(
     An exception has the rows so far as ``result``, and the problem as ``problem``.
     """
     options = _checked(fine, window, options)
-    run = Adapted(_made(make_problem, Window(fine, window), most_unknowns), History())
+    around = Window(fine, window)
+    run = Adapted(_made(make_problem, around, most_unknowns), History())
     loads = checked_loads(loads, run.problem, None)
     try:
-        _follow(run, make_problem, loads, Window(fine, window), options, monitor, most_unknowns)
+        _follow(run, make_problem, loads, around, options, monitor, most_unknowns)
     except BaseException as error:
         error.problem = run.problem  # type: ignore[attr-defined]
         if run.results and not hasattr(error, "result"):
@@ -174,9 +175,7 @@ def _follow(
         kept, said = [Kept(step.snapshot(), step.scales, first, reached, 0)], []
 
         def watch(problem: Problem) -> dict[str, float]:
-            dofmap = problem.space.dofmap
-            unknowns = dofmap.index_map.size_global * dofmap.index_map_bs
-            return dict(monitor(problem) if monitor else {}) | {"unknowns [-]": unknowns}
+            return dict(monitor(problem) if monitor else {}) | {"unknowns [-]": _unknowns(problem)}
 
         def leaves(problem: Problem, kept=kept, said=said, around=around) -> bool:
             farthest = _farthest(problem, around)
@@ -227,14 +226,17 @@ def _made(make: Callable[[Window], Problem], around: Window, most: float) -> Pro
     problem = make(around)
     if not isinstance(problem, Problem):
         raise TypeError(f"solve_adaptively: make_problem returned {problem!r}, not a vmdg.Problem")
-    dofmap = problem.space.dofmap
-    count = dofmap.index_map.size_global * dofmap.index_map_bs
-    if count > most:
+    if (count := _unknowns(problem)) > most:
         raise ValueError(
             f"solve_adaptively: the mesh around the present fronts has {count} unknowns, more than "
             f"most_unknowns = {most:.6g}; use larger cells or a smaller window"
         )
     return problem
+
+
+def _unknowns(problem: Problem) -> int:
+    dofmap = problem.space.dofmap
+    return dofmap.index_map.size_global * dofmap.index_map_bs
 
 
 def _front(problem: Problem) -> Array:

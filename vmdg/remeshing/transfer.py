@@ -20,6 +20,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from mpi4py import MPI
+
 import numpy as np
 import scipy
 from dolfinx import fem
@@ -195,8 +197,9 @@ def _carry(old: Problem, new: Problem) -> Transfer:
         bodies.renew()
     step.ledger.enter_opening(now.stored_energy().sum() - stored)
     step.return_to(step.snapshot())
-    counts = [(known.same.sum(), known.same.size) for _, known in failing]
-    found, count = global_sum(comm, np.sum(counts, axis=0, initial=0.0) * np.ones(2))
+    found, count = global_sum(
+        comm, [sum(f(known.same) for _, known in failing) for f in (np.count_nonzero, len)]
+    )
     same = float(found / count) if count else 1.0
     return Transfer(before, energy_of(step), same, unbalanced, corrections)
 
@@ -297,7 +300,7 @@ def _with_gap(active: ActiveInterface, known: Carried) -> PointHistory:
 # Bodies
 
 
-def _carry_bodies(old: PointBodies, new: PointBodies, comm) -> None:
+def _carry_bodies(old: PointBodies, new: PointBodies, comm: MPI.Comm) -> None:
     """Give the points of bodies the history of the nearest one of their body; collective."""
     history = []
     for tag in new.materials:
