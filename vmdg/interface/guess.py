@@ -6,6 +6,7 @@ where it may be changed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,16 +48,18 @@ def open_free_points(active: ActiveInterface) -> None:
     _assume(active, points, np.eye(active.quadrature.d) / r)
 
 
-def hold_sliding_points(active: ActiveInterface) -> None:
-    """C = 0 at points that have slid: the next tangent treats them as sticking.
+def hold_modes(active: ActiveInterface, modes: Sequence[Mode]) -> None:
+    """C = 0 at points that have slid or softened: the next tangent treats them as sticking.
 
     For the predictor of a step that does not continue the last one. Where points slide nothing
     couples the faces along the slip, so all would follow the load. Consider a point with penalty r
     on a body of stiffness k under a force f, |f| < c = mu |T_N|. From sliding forward, k x + c = f,
     it slides back, x < 0, then forward again, and so on. Treated as sticking, (k + r) x = f, it
-    stays in place; if |f| > c, its displacement x has the sign of the solution.
+    stays in place; if |f| > c, its displacement x has the sign of the solution. Where points soften
+    C makes the traction rise as the gap is closed, so that a crack that is unloaded would be pulled
+    shut.
     """
-    _assume(active, active.history.mode == Mode.FRICTION, 0.0)
+    _assume(active, np.isin(active.history.mode, modes), 0.0)
 
 
 def without_couples(active: ActiveInterface) -> None:

@@ -15,8 +15,8 @@ from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..interface.activation import Activation, Utilization
 from ..interface.active import ActiveInterface, damage_work, goes_on, take_overlap
 from ..interface.guess import (
+    hold_modes,
     hold_points,
-    hold_sliding_points,
     hold_unstressed,
     open_free_points,
     pressed_points,
@@ -25,6 +25,7 @@ from ..interface.guess import (
 )
 from ..interface.moving import MovingInterface
 from ..interface.sliding import sliding
+from ..laws import Mode
 from .ledger import Ledger, WorkInMotion
 from .loading import Loading, anchor
 from .motion import Motion
@@ -187,17 +188,18 @@ class Step:
         """
         return self.discretization.assemble_residual(dt, hold, self._loading.vector, anew)
 
-    def hold(self, dt: float, anew: bool) -> None:
+    def hold(self, dt: float, anew: bool, softens: bool) -> None:
         """Assemble the residual of the predictor, with zeta at its converged value.
 
         Args:
             dt: Time step of the return maps [s].
             anew: Whether the last step does not continue: in the tangent sliding points are treated
                 as sticking, and bodies at points as at rest.
+            softens: Whether damage continues; otherwise so are points that soften.
         """
-        if anew:
-            for active in self._failing():
-                hold_sliding_points(active)
+        modes = [Mode.FRICTION] * anew + [Mode.TENSION, Mode.SHEAR] * (not softens)
+        for active in self._failing() if modes else ():
+            hold_modes(active, modes)
         self.assemble_residual(dt, hold=True, anew=anew)
         self.ledger.record_start()
         apart = [one for one in self._failing() if one.quadrature.distance is not None]

@@ -171,15 +171,15 @@ class _Newton:
             self._step.assemble_residual(self._dt)
             self._follow(iterate.place(), self._correct(-iterate.forces()))
         elif last is None or last.ahead is None or not self._extrapolate(last):
-            self._along_tangent(anew=last is None or last.ahead is None)
+            self._along_tangent(last)
         self._guessed = iterate.reach()._replace(
             arc_length=global_norm(self._comm, iterate.moved())
         )
 
-    def _along_tangent(self, anew: bool) -> None:
+    def _along_tangent(self, last: Attempt | None) -> None:
         """Predict along the tangent; if crack faces overlap then, with closing points sticking."""
         step, iterate, limits = self._step, self._iterate, self._iterate.limits
-        step.hold(self._dt, anew)
+        step.hold(self._dt, last is None or last.ahead is None, last is not None)
         free = iterate.forces()
         step.scales = step.scales.with_forces(global_norm(self._comm, free))
         self._follow(iterate.start, self._correct(-free))

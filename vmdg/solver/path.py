@@ -45,6 +45,8 @@ class Stage:
             control is used.
         traces: Whether snaps are traced, or stop the run, rather than jumped over.
         most: Largest damage work in a step [N mm].
+        unloads: Whether loads have turned back, so that bonds unload at first: damage work, which
+            grows along the way back too, does not tell where the path goes.
     """
 
     start: float
@@ -52,6 +54,7 @@ class Stage:
     follows: bool
     traces: bool
     most: float
+    unloads: bool = False
     leapt: tuple[float, ...] = ()
 
     @property
@@ -67,7 +70,8 @@ class Stage:
         progress."""
         stays = self.leapt and self.ahead(t, self.leapt[-1]) <= numbers.small * self.span
         leapt = (*self.leapt, t) if stays else (t,)
-        return replace(self, leapt=leapt, traces=self.traces or len(leapt) > numbers.patience)
+        traces = self.traces or len(leapt) > numbers.patience
+        return replace(self, leapt=leapt, traces=traces, unloads=False)
 
     def done(self, t: float) -> float:
         if t == self.target:
@@ -199,7 +203,7 @@ class Path:
             self._size, scales = Size(), replace(scales, breaking=False)
         step.scales = replace(scales, sense=sense, work=min(scales.work, most or math.inf))
         traces = options.unstable == "trace" or options.control == "load" or most == 0
-        return Stage(start, target, follows, traces, most)
+        return Stage(start, target, follows, traces, most, follows and turned)
 
     # One step
 
@@ -262,6 +266,8 @@ class Path:
                 # For example if all contact slides, neither damage work nor arc length makes
                 # progress.
                 return limits
+            if stage.unloads and not scales.breaking:
+                return self._strode(limits, size.stride)
             work = scales.work if scales.breaking else math.inf
             return replace(limits, work=work, arc_length=size.arc_length)
         stride = size.stride
@@ -287,7 +293,9 @@ class Path:
             # With contact and friction, bonds may break without damage work as a suitable control.
             by_load = replace(limits, target=stage.target, work=math.inf, arc_length=math.inf)
             return self._strode(by_load, stage.span * numbers.cut**late)
-        if stage.follows:
+        small = stage.span * numbers.cut ** (self._options.max_cuts // 2)
+        unloads = stage.unloads and limits.by_load_alone and limits.length > small
+        if stage.follows and not unloads:
             # Of what the predictor did, bonds that break limit the step by their work, otherwise
             # the arc length does.
             work, way = min(gone.work, limits.work, stage.most), limits.arc_length
@@ -297,7 +305,7 @@ class Path:
             limits = replace(limits, work=work, arc_length=way)
             if not limits.by_load_alone:
                 return limits
-        share = 0.5
+        share = numbers.cut if unloads else 0.5
         if self._steps.cyclic:
             # A step that did not converge was far too long.
             kept = self._options.max_loss / found.lost if found.lost else 0.0
@@ -316,7 +324,8 @@ class Path:
         if found.onset and self._problem.discretization.bodies.points:
             # Bodies flow or bonds soften: a large step finds the second before its time.
             work = limits.onset / numbers.rest
-        breaks = step.scales.breaking or found.onset or (cuts > 0 and stage.follows)
+        unloads = stage.unloads and limits.by_load_alone
+        breaks = step.scales.breaking or found.onset or (cuts > 0 and stage.follows and not unloads)
         work, breaks = min(work, stage.most or math.inf), breaks or self._by_work
         step.scales = replace(step.scales, work=work, breaking=breaks)
         stride = math.inf
@@ -325,7 +334,7 @@ class Path:
             room = aim / found.lost if found.lost else math.inf
             stride = min(room, 1 / numbers.cut) * limits.length
         elif cuts or size.stride < math.inf:
-            stride = growth * limits.length
+            stride = (1 / numbers.cut if unloads else growth) * limits.length
         # Arc-length steps may continue indefinitely without damage or progress.
         nearer = stage.ahead(t, limits.start) > numbers.small * stage.span
         idles = stage.follows and found.work <= limits.onset
@@ -350,8 +359,11 @@ class Path:
             released = self._released(before) / found.work
             if max(released, -released if far else 0.0) > numbers.released:
                 return "JUMPED"
-        if stage.ahead(stage.start, t) > 0 and not self._problem.loading.as_given(t):
-            return "PROGRAMME_LEFT"
+        if stage.ahead(stage.start, t) > 0:
+            if stage.unloads:
+                return "TURNED_BACK"
+            if not self._problem.loading.as_given(t):
+                return "PROGRAMME_LEFT"
         # Breaking bonds are followed by the damage work, and beyond a limit point there are no
         # stable states nearby. Pivots of an unconstrained body are rounding.
         loose = step.rests_on_contact or scales.held

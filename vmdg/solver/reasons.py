@@ -86,6 +86,10 @@ REASONS = {
         f"{_SMALLER}; loads that are linear also before these load factors, if the return is "
         "intended",
     ),
+    "TURNED_BACK": Reason(
+        "the load had turned, and the step went back beyond the state where it did",
+        _SMALLER,
+    ),
     "WORN": Reason(
         "the loss of strength by cycles exceeds max_loss, however few they are: the crack grows by "
         "itself at this load",
