@@ -323,3 +323,16 @@ def test_a_proportional_solution_costs_no_more_in_five_steps_than_in_one(comm):
         opened.append(problem.mean(0).opening)
     assert corrections[1] <= max(corrections[0], 1)
     assert opened[1] == pytest.approx(opened[0], rel=1e-9, abs=1e-15)
+
+
+def test_no_way_back(comm):
+    """A traced path turns back only where bonds break: nowhere down the line of unloading, which is
+    an equilibrium too."""
+    strengths = np.sort(np.random.default_rng(3).uniform(4.0, 10.0, 4))
+    problem, monitor = bundle(comm, strengths, 0.006)
+    history = vmdg.solve(
+        problem, 20, vmdg.SolveOptions(unstable="trace", energy=True), monitor
+    ).history
+    falls = np.diff(history["load"]) < 0
+    assert falls.sum() > 8
+    assert (np.diff(history["damage"])[falls] > 0).all()

@@ -353,6 +353,8 @@ class Path:
         # Where nothing fails the load does not turn, but another onset may be behind the start.
         if found.onset and back and limits.arc_length == math.inf:
             return "JUMPED"
+        if found.work <= limits.onset and back and self._retreats(before):
+            return "TURNED_BACK"
         far = found.work > stage.most or back
         if found.work > 0 and not found.onset and (far or limits.by_load_alone):
             step.ledger.complete(numbers.released / 2 * found.work)
@@ -369,6 +371,16 @@ class Path:
         loose = step.rests_on_contact or scales.held
         strays = found.unstable and found.work == 0 and stage.ahead(t, before.t) > 0
         return "UNSTABLE" if strays and not (loose or self._lost) else ""
+
+    def _retreats(self, before: Snapshot) -> bool:
+        """Whether nothing was spent in a step back from a state in which bonds were breaking: they
+        unload, which is an equilibrium too."""
+        last, now = self._size.last, self._problem.step.snapshot()
+        if last is None or last.work == 0:
+            return False
+        spent = (now.works.dissipated - before.works.dissipated).sum()
+        spent += now.works.plastic - before.works.plastic
+        return bool(global_sum(self._problem.comm, spent) <= self._numbers.small * last.work)
 
     def _released(self, before: Snapshot) -> float:
         """Energy released by a step, up to rounding [N mm]."""

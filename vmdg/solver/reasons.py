@@ -87,7 +87,7 @@ REASONS = {
         "intended",
     ),
     "TURNED_BACK": Reason(
-        "the load had turned, and the step went back beyond the state where it did",
+        "the step went back the way that the path had come: bonds that were breaking unload",
         _SMALLER,
     ),
     "WORN": Reason(
