@@ -19,12 +19,6 @@ def extrude(gmsh_model: Any, size: float, depth: float, layer: float) -> None:
     Triangles become prisms of three tetrahedra each, quadrilaterals hexahedra. A diagonal starts at
     the lower corner that comes first in a numbering shared by opposite sides, so that the diagonals
     of neighbours and of opposite sides match.
-
-    Args:
-        gmsh_model: With the plane mesh; its groups of cells and facets keep their tags.
-        size: Side of the plane cell [mm].
-        depth: Extrusion depth [mm].
-        layer: Approximate thickness of the layers [mm].
     """
     points, cells, facets = _plane_mesh(gmsh_model)
     layers = max(1, round(depth / layer))

@@ -129,11 +129,7 @@ class Dilatation:
         matrix: PETSc.Mat,
         parts: Sequence[tuple[ActiveInterface, Array, FluxChange | None]],
     ) -> None:
-        """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective.
-
-        Args:
-            parts: The interfaces, with D and the change of :func:`.point_matrices.add_fields`.
-        """
+        """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective."""
         u, theta = FacetJets.displacement, FacetJets.dilatation
         fields = None, (u, theta), (theta, u), (theta, theta)
         blocks = self._blocks

@@ -146,8 +146,6 @@ class DirichletConditions:
         """Prescribe nodal dofs (block numbers).
 
         Args:
-            dofs: The dofs (n,).
-            component: A component, or None for all.
             base: Displacement to which the value is added (n, d) [mm]; default zero.
         """
         if global_sum(self._space.mesh.comm, len(dofs)) == 0:

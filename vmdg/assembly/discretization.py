@@ -71,7 +71,6 @@ class Discretization:
     """The broken space on which the displacement lives, its active interfaces, and the assembly.
 
     Args:
-        lattice: Lattice of a periodic cell; None for other bodies.
         symbolic: Integrate the interface terms of (27) over interior facets in UFL where that form
             exists, see :func:`.is_symbolic`; elsewhere, and if False, they are sums over points.
 

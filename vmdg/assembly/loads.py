@@ -71,11 +71,7 @@ class _Force:
 
 
 class DeadLoads:
-    """Tractions per reference area, body forces per reference volume, (29), and forces at points.
-
-    Args:
-        geometry: Geometry, whose weight is a factor of all loads.
-    """
+    """Tractions per reference area, body forces per reference volume, (29), and forces at points."""
 
     kind = "a dead load"
 

@@ -104,7 +104,6 @@ class RigidFaces:
         """Add a rigid face; collective.
 
         Args:
-            component: The rigid component of the displacement; None for all.
             at: Point (d,) whose displacement is prescribed or returned; None for any.
             value: Prescribed displacement of the point; None if it is free.
         """

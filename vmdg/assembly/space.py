@@ -28,9 +28,6 @@ def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.Functio
     In parallel a component is named by its smallest (global cell, dof) and belongs to the rank that
     owns this cell; names are exchanged between owners and ghosts of cells until nothing changes.
 
-    Args:
-        cut: Local indices of the interior facets to cut, ghost facets included.
-
     Returns:
         A space with the dofs of the continuous one and the duplicates on the cut facets.
     """
@@ -156,9 +153,6 @@ def node_pieces(
     """Name of the connected piece of every local node: its last node over all ranks; collective.
 
     A piece is a set of cells connected by nodes of the space.
-
-    Args:
-        joined: Additional pairs of local cells (n, 2) that belong to one piece.
     """
     dofs = space.dofmap.list
     first = dofs[:, 0]

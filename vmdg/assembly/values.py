@@ -137,11 +137,7 @@ def check_shape(
 def first_value(
     comm: MPI.Comm, value: Value, what: str, points: NDArray[np.float64] | None = None
 ) -> NDArray:
-    """Value at load factor 0, to check user input; collective.
-
-    Args:
-        comm: Communicator; at the points of one rank a function may fail, or return invalid values.
-    """
+    """Value at load factor 0, to check user input; collective."""
     message, result = None, np.zeros(0)
     try:
         result = value_at(value, 0.0, points)

@@ -24,11 +24,7 @@ Marks = NDArray[np.bool_]
 
 
 class WeakForm:
-    """The forms for a displacement with given open facets.
-
-    Args:
-        symbolic: Integrate the terms of interfaces over interior facets where that form exists.
-    """
+    """The forms for a displacement with given open facets."""
 
     def __init__(
         self,

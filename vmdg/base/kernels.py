@@ -238,9 +238,6 @@ def call(module: ModuleType, name: str, *arrays: NDArray | None) -> None:
 class PointKernel:
     """An expression of fields with one value at every point, evaluated point by point.
 
-    Args:
-        expression: A vector, on intervals, one for each point; collective.
-
     Attributes:
         fields: The fields, in the order in which the kernel reads them.
     """
@@ -267,11 +264,7 @@ class PointKernel:
     def __call__(
         self, rows: NDArray[np.integer] | slice, X: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Values at some points (n, components), of the present values of the fields.
-
-        Args:
-            X: Positions of all points (nq, 3).
-        """
+        """Values at some points (n, components), of the present values of the fields."""
         values = [f.x.array.reshape(-1, f.function_space.dofmap.index_map_bs) for f in self.fields]
         count = rows.stop if isinstance(rows, slice) else len(rows)
         w = np.concatenate([np.zeros((count, 0)), *(array[rows] for array in values)], axis=1)

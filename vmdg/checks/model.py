@@ -319,9 +319,6 @@ def check_duration(problem: Problem, duration: float) -> None:
     """Warn about a motion that is over long before a wave has crossed a cell; collective.
 
     A wave at c = sqrt(E/rho) takes h/c through a cell of the size h, here those at interfaces.
-
-    Args:
-        duration: Of the motion [s].
     """
     rho, message = max(moving(problem.step.motion).density.values()), None
     times = [

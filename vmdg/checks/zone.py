@@ -239,7 +239,6 @@ def _stiffness(
     of rigid ones; collective.
 
     Args:
-        cells: Of the two sides (n, 2).
         N, x: Normal of a facet and direction in which the crack grows (n, d).
     """
     bodies, d = problem.discretization.bodies, x.shape[1]

@@ -58,7 +58,6 @@ class Bodies:
     """The regions of a mesh.
 
     Args:
-        eigenstrain: Stress-free strain by tag; None where there is none.
         plane_stress: Zero stress out of the plane instead of zero strain.
 
     Attributes:

@@ -86,7 +86,6 @@ class PointBodies:
 
     Args:
         plane_stress: Zero stress out of the plane instead of zero strain.
-        eigenstrain: Stress-free strain of the cells, a number or a tensor (3, 3); None for none.
 
     Attributes:
         cells: Local cells, by tag in the order of ``materials``, (n,).
@@ -193,7 +192,6 @@ class PointBodies:
         """Stress and moduli for a deformation; collective.
 
         Args:
-            dt: Time step [s].
             hold: Keep the moduli of the last evaluation, for a predictor: those of the last
                 iteration are closer to those of the step than the elastic ones of a state at rest.
         """

@@ -18,9 +18,6 @@ class ViscousNodes:
 
     alpha M and dashpots are lumped and act at the velocity of the end of the step, which leaves the
     critical step as it is; beta K acts at that of its middle, which shortens it.
-
-    Args:
-        masses: Lumped masses of owned dofs [N s2/mm].
     """
 
     def __init__(self, problem: Problem, masses: Array):
@@ -52,13 +49,7 @@ class ViscousNodes:
         return critical * (math.sqrt(1 + xi**2) - xi)
 
     def solve(self, forces: Array, inverse: Array, v: Array, h: float) -> Array:
-        """Acceleration a of M.a = forces - C.(v + h a/2) of owned dofs, C without beta K.
-
-        Args:
-            forces: Other forces [N].
-            v: Velocity in the middle of the step [mm/s].
-            h: The step [s].
-        """
+        """Acceleration a of M.a = forces - C.(v + h a/2) of owned dofs, C without beta K."""
         if not self._damping.exists:
             return forces * inverse
         alpha, d = self._damping.rayleigh.alpha, self._d

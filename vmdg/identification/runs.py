@@ -36,7 +36,6 @@ class RunFile:
     """Runs by their parameters in a JSON file; all methods are collective.
 
     Args:
-        comm: The ranks; rank 0 reads and writes.
         path: The file; None to keep the runs in memory.
     """
 

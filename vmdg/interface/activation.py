@@ -117,11 +117,7 @@ class Activation:
         return bool(self._potential)
 
     def refuse(self, facets: NDArray[np.int32], what: str, reason: str) -> None:
-        """Refuse facets of interfaces, open or not; collective.
-
-        Args:
-            reason: The error and the remedy, which follow the place of the facet in the message.
-        """
+        """Refuse facets of interfaces, open or not; collective."""
         index_map = self._mesh.topology.index_map(self._mesh.topology.dim - 1)
         inside = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
         for selected in self.facets:

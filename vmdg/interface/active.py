@@ -205,9 +205,6 @@ class ActiveInterface:
         dT_tr = dT + r d zeta, and d zeta/dT depends on the law alone, so C^-1 - r is unchanged:
         with C of the old r a softening point would soften additionally by the change. Where r
         decreases, part of H is neglected, which makes the first correction a conservative one.
-
-        Args:
-            change: Increase of r (nf,) [MPa/mm].
         """
         if not change.any():
             return
@@ -421,9 +418,6 @@ class ActiveInterface:
         """d damage work/d T_tr of the last return map, in the frame of the law (nq, d) [mm].
 
         For a resumed run it is read from the checkpoint.
-
-        Args:
-            dt: Time step of that return map [s].
         """
         update, history, q = self.values.update, self.history, self.quadrature
         if update is None:
@@ -458,9 +452,6 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
     """Return maps of a step, jointly for all interfaces with equal laws and frames.
 
     A return map of few points takes as long as that of thousands.
-
-    Args:
-        dt: Time step [s].
     """
     for group in _with_equal_laws(interfaces):
         trials = [active.trial(closes=not hold) for active in group]

@@ -98,7 +98,6 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
 
     Args:
         active: The interface, at the end of a step that is not yet committed.
-        dt: Time step [s].
         straight: Use the mean of the tractions at both ends.
     """
     update, history, q, law = active.values.update, active.history, active.quadrature, active.law

@@ -94,10 +94,6 @@ def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) ->
     """Dissipation of a step at the points, (39), by damage, friction and viscosity (3, nq) [N/mm].
 
     Viscous work uses the overstress at the end; :func:`.gap_work` adds its change within the step.
-
-    Args:
-        N: Reference normal (nq, d).
-        r: Penalty (nq,) [MPa/mm].
     """
     works = np.array([update.damage_work, update.friction_work, update.viscous_work])
     if np.any(np.greater(law.friction, 0.0)):

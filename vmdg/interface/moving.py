@@ -231,9 +231,6 @@ class CommittedPoints:
         last of them (Franke and Little; Renka 1988): at a place its value, in between a continuous
         function. If the nearest alone counted, s and friction would jump as a point
         passes the middle between two of them, and Newton's method alternate.
-
-        Args:
-            places, rows, normal: As of the points themselves.
         """
         tree, points, values, mode = self._by_place
         d = normal.shape[1]
@@ -660,11 +657,7 @@ def tractions_at(
     them is the nearest would be a matter of rounding.
 
     Args:
-        places: X (n, d) [mm].
-        size: Of the surface [mm].
         traction: T in the frame of the law (n, d) [MPa].
-        normal: N (n, d).
-        weights: dA (n,).
     """
     place, count = _numbered(places, _SAME * size)
     if count is None:

@@ -40,11 +40,7 @@ def adjoint_directions(
 
 
 class PointResidual:
-    """q of one interface.
-
-    Args:
-        fluid: Pressure at the points; None for none.
-    """
+    """q of one interface."""
 
     def __init__(
         self,

@@ -60,9 +60,6 @@ class Trial:
 class ReturnMap:
     """T of (31) at the points of an interface, by the return map of its law (Boxes 2 and 3).
 
-    Args:
-        fluid: Pressure at the points; None for none.
-
     Attributes:
         turns: Whether the law works in a frame that rotates with the interface.
     """
@@ -113,12 +110,7 @@ class ReturnMap:
         overstress_modulus: Array | None,
         cycles: Array | None,
     ) -> Trial:
-        """{P.N} + r g at the current displacement, and the other input of the law.
-
-        Args:
-            overstress_modulus: k of :func:`map_back` (nq,) [MPa/mm]; None for the plain law.
-            cycles: Load cycles that the step represents (nq,); None for none.
-        """
+        """{P.N} + r g at the current displacement, and the other input of the law."""
         d, facet = self._d, self._quadrature.facet
         one, two = self._traction()
         displacement, gradients = self._quadrature.field(self._u)
@@ -180,8 +172,6 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
     """T of (31) by T_tr = {P.N} + r g - r zeta_n of (66).
 
     Args:
-        trial: From :meth:`ReturnMap.trial`, of one interface or of several with this law.
-        dt: Time step [s].
         last: Values of the last residual, with the tangent of its return map; if given, zeta is
             zeta_n. None for a return map.
     """
@@ -216,7 +206,6 @@ def map_back(law: Law, load: Array, trial: Trial, dt: float, keep: bool = True) 
 
     Args:
         load: T_tr (nq, d) [MPa].
-        dt: Time step [s].
         keep: A law that writes into what it is given writes into copies. False if nothing but this
             call uses the arrays of a trial without k.
     """

@@ -252,9 +252,6 @@ class Stabilizer:
         """Whether a tau_s satisfies coercivity at another displacement, on this rank.
 
         The fraction of the bulk energy reserved by :mod:`vmdg.interface.coercivity` may be used up.
-
-        Args:
-            factor: Factor required by coercivity there (nf,).
         """
         if not self.automatic:
             return True
@@ -367,12 +364,7 @@ class Stabilizers:
         return needed
 
     def sample(self, chosen: Sequence[NDArray[np.bool_]] | None = None) -> Sample:
-        """Of the current displacement, laws and bodies; collective.
-
-        Args:
-            chosen: Facets whose factors are needed, those of others may be too small (nf,); None
-                for all.
-        """
+        """Of the current displacement, laws and bodies; collective."""
         derived = [one.derive() for one in self._interfaces]
         moduli = self._coercivity.moduli(self._of_derived(chosen)) if self._automatic else ()
         return derived, moduli
@@ -384,9 +376,6 @@ class Stabilizers:
         collective.
 
         Interfaces with a user-defined stabilization are left out.
-
-        Args:
-            chosen: Those of :meth:`sample`.
         """
         factors = [[np.ones(len(one.norm)) for one in derived] for derived, _ in samples]
         if not (samples and self._automatic):

@@ -301,8 +301,6 @@ class MixedModeDebonding(ExtrinsicLaw):
         """d zeta/d T_tr (m, d, d).
 
         Args:
-            normal: N (m, d).
-            direction: t (m, d).
             k_t: |dzeta_T|/|T_tr,T| (m,), mm/MPa.
         """
         g, cos, sin, m = flow.g, flow.cos, flow.sin, flow.m

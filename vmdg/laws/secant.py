@@ -254,10 +254,6 @@ def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Spent:
     rotates. With G = P_n zeta_n cos^2 + P_s zeta_s sin^2 it is m G (D(x) - D(x_n)), where K =
     s(x)/(x m) and D' = (s - s' x)/2, so that its derivative by K is -G (m x)^2/2 and by m G (D(x) -
     s x/2 - D(x_n) + s_n x_n/2).
-
-    Args:
-        g: g at the end (m,).
-        cos, sin: cosine and sine of th at the end (m,).
     """
     opening, shear = Scaled(law.in_opening), Scaled(law.in_shear)
     y_n, y_t = reduced_gap(law, at)
@@ -419,7 +415,6 @@ def pressed_tangent(
     dg/d T_tr (m, d).
 
     Args:
-        g: Largest gap at the end (m,).
         worn: For points with fatigue, at r zeta_s g + P_s s = |w|/lambda instead of on their curve:
             lambda and, in MPa, lambda times the left-hand side over d ln(rate)/d ln(lambda) and the
             growth of g (m,).

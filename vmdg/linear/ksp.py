@@ -214,7 +214,6 @@ class LinearSolver:
     the options set one.
 
     Args:
-        matrix: The tangent, of type :func:`matrix_kind` or the other type.
         options: Options of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
 
     Attributes:

@@ -83,10 +83,7 @@ class FacetPolynomials:
         """Places on facets of the surface, one for each of some segments.
 
         Args:
-            rows: The facets (ns,).
             plane: Coordinates in the planes (ns, points, d - 1) [mm].
-            u: Displacement in whose configuration the planes are; None for the reference
-                configuration.
         """
         current, (count, points, _), d = self._reference, plane.shape, self._mesh.geometry.dim
         if u is not None:

@@ -142,9 +142,6 @@ def find_facets(
     Side 1 has the lower tag; for equal tags it is the cell inside the level set, or else the cell
     whose midpoint comes first along the first coordinate in which the two midpoints differ, which
     is independent of the partition.
-
-    Args:
-        label: Name of the interface in messages; None for its name or place.
     """
     comm, label = mesh.comm, label or str(interface)
     fdim = mesh.topology.dim - 1
@@ -226,12 +223,7 @@ def _on_walls(mesh: Mesh, tags: NDArray[np.int32], walls: Collection[int], label
 def _between_groups(
     mesh: Mesh, between: str | PairRule, tags: NDArray[np.int32], label: str
 ) -> NDArray[np.bool_]:
-    """Mask of the facets between any two groups, or between those selected by a user's function.
-
-    Args:
-        tags: Tags of the two cells of every local facet (nf, 2), UNTAGGED on the boundary of the
-            mesh.
-    """
+    """Mask of the facets between any two groups, or between those selected by a user's function."""
     chosen = (tags[:, 0] != tags[:, 1]) & (tags != UNTAGGED).all(axis=1)
     if between == ALL:
         return chosen
@@ -369,9 +361,6 @@ def facet_values(
     Args:
         given: A number, an array like ``interface.facets``, f(x) of midpoints x (3, n) [mm], or a
             scalar Function on the mesh: the mean of both sides at the midpoints.
-        facets: Owned facets (nf,).
-        cells: Their cells (nf, 2).
-        what: Its name and that of the interface, for messages.
     """
     fdim = mesh.topology.dim - 1
     if isinstance(given, Weibull):

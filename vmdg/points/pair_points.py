@@ -135,9 +135,6 @@ class PairPoints(Points):
     def take(self, facets: PairedFacets, u: fem.Function | None = None) -> bool:
         """Take other pairs; collective.
 
-        Args:
-            u: Displacement in whose configuration they are; None for the reference configuration.
-
         Returns:
             Whether evaluators and functions of points must be made again: on some rank there are
             more points than room.

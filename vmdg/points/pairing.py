@@ -185,7 +185,6 @@ class Surfaces:
         """The pairs in the configuration of a displacement.
 
         Args:
-            u: The displacement; None for the reference configuration.
             bonded: Facets of side 1 whose bond holds, (n,): their pairs, the first ones, are those
                 of the reference configuration. None for none.
         """

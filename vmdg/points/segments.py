@@ -187,7 +187,6 @@ def cut(
     facet of either body is between them, see :func:`_facing`.
 
     Args:
-        most: Largest distance or overlap [mm].
         reach: Largest distance, not overlap, relative to the radius of the larger facet.
         whole: The first surface, and which of its facets ``first`` are.
     """
@@ -229,10 +228,6 @@ def _facing(
     the point y of side 2 that is nearest to the middle of this line, D < |s|/2 away on a facet with
     another normal N_2, side 1 is at y - D' N_2 with D <= D' < |s|/2. So the ends of a shaft that
     leaves its hole are no pair, though its interference is in front of the other end of the hole.
-
-    Args:
-        x: Their middles (n, d) [mm].
-        mine: Their facets of side 1 (n,).
     """
     one, two = bodies
     normals, theirs = one.facets.normals[mine], segments.second
@@ -435,10 +430,6 @@ def _counterclockwise(polygons: Array) -> Array:
 
 def clipped(window: Array, polygons: Array) -> tuple[Array, NDArray[np.int64]]:
     """Intersections of convex polygons, by Sutherland and Hodgman.
-
-    Args:
-        window: Counterclockwise polygons (n, c, 2).
-        polygons: Others (n, c, 2).
 
     Returns:
         Corners of the intersections (n, 5 c, 2), and their numbers (n,), possibly zero; corners

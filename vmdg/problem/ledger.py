@@ -114,11 +114,7 @@ class Ledger:
             self._start.forces = _Forces(residual, self._loading.vector, self._gap_forces())
 
     def commit(self, motion: WorkInMotion | None = None) -> None:
-        """Record the step at its current state; collective.
-
-        Args:
-            motion: Works of a step in time; None in statics.
-        """
+        """Record the step at its current state; collective."""
         for active in self.discretization.active.values():
             active.settle()
         if motion is None:

@@ -30,11 +30,7 @@ UNLIKE = 1e6
 def checked_density(
     comm: MPI.Comm, density: Mapping[int, float], deformable: set[int]
 ) -> dict[int, float]:
-    """Density by tag; warns of values that are probably in different units; collective.
-
-    Args:
-        deformable: Tags of the bodies that are not rigid walls.
-    """
+    """Density by tag; warns of values that are probably in different units; collective."""
     for tag, rho in density.items():
         if isinstance(rho, bool) or not isinstance(rho, Real):
             raise TypeError(f"Problem: density of tag {tag} = {rho!r} must be a number")
@@ -96,7 +92,6 @@ class Motion:
     both are the same.
 
     Args:
-        discretization: The space; facets that open on demand would change it.
         density: Mass per reference volume by tag, in units such that 1 is force times time squared
             per length to the fourth: t/mm3 with N, mm and s.
 

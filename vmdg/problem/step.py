@@ -106,7 +106,6 @@ class Step:
         """Store the converged state, then set loads and stabilization for a step to ``t``.
 
         Args:
-            dt: Time step [s].
             overstress: At the start of a step in a jump, see :meth:`slow_down`.
             cycles: Load cycles that the step represents, for fatigue laws.
         """
@@ -179,7 +178,6 @@ class Step:
         """Return maps, then internal minus external forces at the current displacement.
 
         Args:
-            dt: Time step of the return maps [s].
             hold: Fix zeta at its converged value instead of a return map.
 
         Returns:
@@ -191,7 +189,6 @@ class Step:
         """Assemble the residual of the predictor, with zeta at its converged value.
 
         Args:
-            dt: Time step of the return maps [s].
             anew: Whether the last step does not continue: in the tangent sliding points are treated
                 as sticking, and bodies at points as at rest.
         """
@@ -337,11 +334,7 @@ class Step:
         return True
 
     def commit(self, motion: WorkInMotion | None = None) -> None:
-        """Accept the current state as converged: history, dissipation and external work.
-
-        Args:
-            motion: Works of a step in time; None in statics.
-        """
+        """Accept the current state as converged: history, dissipation and external work."""
         self.ledger.commit(motion)
         for active in self.discretization.active.values():
             active.commit()

@@ -128,7 +128,6 @@ class Derivatives:
             follows: Whether the load factor is an unknown of the step.
             onset: Whether the step then ends at the onset of damage, a corner of the path, with
                 which its row moves.
-            dt: Time step of its return maps [s].
         """
         step, near = self._problem.step, self._neighbours
         with timer("derivatives"):

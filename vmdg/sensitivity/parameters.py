@@ -106,7 +106,6 @@ class BodyParameter(Parameter):
     """A parameter of the material of groups of cells.
 
     Args:
-        tags: Tags of the cells, whose materials share a kernel.
         field: Name of the parameter: one of the material, or E or nu of Lame parameters.
     """
 

@@ -51,7 +51,6 @@ class PointRates:
         laws: Laws at p (1 + h) and at p (1 - h), of every parameter.
         rates: Of the input of the return map, by the logarithms of the parameters, at fixed
             displacement; a stack.
-        dt: Time step of the return map [s].
     """
 
     def __init__(
