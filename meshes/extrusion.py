@@ -102,7 +102,6 @@ def _quadrilaterals(low: NDArray, high: NDArray) -> NDArray:
 
 
 def _add(gmsh_model: Any, dim: int, groups: dict[int, NDArray], kind: int) -> None:
-    """An entity and a group of the same tag for every set of cells."""
     for tag, nodes in groups.items():
         entity = gmsh_model.addDiscreteEntity(dim)
         gmsh_model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)

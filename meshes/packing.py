@@ -125,12 +125,8 @@ def at_images(x: NDArray[np.float64], shifts: NDArray[np.float64]) -> NDArray[np
 def images(
     centres: NDArray[np.float64], radii: ArrayLike, size: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Centres of all balls and periodic images that intersect [0, size]^dim, and their ball
-    numbers.
-
-    Returns:
-        Centres (m, dim) [mm], numbers of the balls (m,).
-    """
+    """Centres (m, dim) [mm] of all balls and periodic images that intersect [0, size]^dim, and the
+    numbers of the balls (m,)."""
     count, dim = centres.shape
     shifts = shifts_of(dim, size)
     places = at_images(centres, shifts)

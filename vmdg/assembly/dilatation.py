@@ -50,7 +50,6 @@ class Dilatation:
         self._products: list[PETSc.Mat | None] = [None, None, None]
 
     def compile(self) -> None:
-        """Compile all kernels now, or load them from the cache; collective."""
         _ = self._ratio, self._pressures, self._volume, self._forms
 
     def couple(self) -> None:
@@ -73,7 +72,6 @@ class Dilatation:
 
     @cached_property
     def _volume(self) -> fem.Function:
-        """Volume V of every cell."""
         weak, result = self._weak_form, fem.Function(self._theta.function_space)
         form = weak.compile(weak.over_bodies(lambda body, F: self._test), "dilatation")
         fem.assemble_vector(result.x.array, form)

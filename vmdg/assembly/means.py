@@ -128,7 +128,6 @@ class MeanSpace:
 
     @property
     def owned_rows(self) -> NDArray[np.int32]:
-        """Those of :attr:`rows` that this rank owns, all or none."""
         return self.rows if self._comm.rank == 0 else self.rows[:0]
 
     def unit_vectors(self, dofs: NDArray[np.int32]) -> Array:

@@ -51,15 +51,10 @@ def renumbered(
     size_local: int,
     more: NDArray[np.int64] | None = None,
 ) -> tuple[fem.FunctionSpace, NDArray[np.int32]]:
-    """A space with another numbering of its dofs; collective.
+    """A space with other global numbers of the dofs of every local cell (cells, dofs of a cell),
+    and the local numbers in it of ``more``, dofs outside all cells, on every rank; collective.
 
-    Args:
-        numbers: New global number of every dof of every local cell (cells, dofs of a cell).
-        size_local: Number of dofs this rank owns, numbered consecutively, rank by rank.
-        more: New global numbers of dofs outside all cells, present on every rank.
-
-    Returns:
-        The space, and the local numbers in it of ``more``.
+    This rank owns ``size_local`` dofs, numbered consecutively, rank by rank.
     """
     more = np.zeros(0, dtype=np.int64) if more is None else more
     every = np.concatenate([numbers.ravel(), more])

@@ -102,7 +102,6 @@ class WeakForm:
         return sum(terms, start=ufl.Form([]))
 
     def compile(self, form: ufl.Form, name: str = "form", options: dict | None = None) -> fem.Form:
-        """Compile a form; collective."""
         if options is None:
             options = VECTORIZED if self._mesh.topology.dim == 3 else JIT_OPTIONS
         return compile_form(form, self._mesh.comm, options, name)

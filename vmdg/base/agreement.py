@@ -123,7 +123,7 @@ def _near(text: str, other: str) -> str:
 
 
 def same_arguments(comm: MPI.Comm, call: str, **given: Any) -> None:
-    """Refuse a collective call that only some ranks make, or with different arguments; collective."""
+    """Refuse a call that only some ranks make, or with different arguments; collective."""
     if comm.size > 1:
         same_call(comm, call, [f"{name} = {as_text(value)}" for name, value in given.items()])
 

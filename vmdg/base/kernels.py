@@ -100,14 +100,11 @@ _VECTORS = Path(__file__).with_name("vectors.h")
 
 @dataclass(frozen=True)
 class Kernel:
-    """A compiled form, expression or C file.
-
-    Attributes:
-        seconds: Time to compile it, or to load it from the cache [s].
-    """
+    """A compiled form, expression or C file; ``seconds`` to compile it or load it from the
+    cache."""
 
     name: str
-    seconds: float
+    seconds: float  # Time to compile it, or to load it from the cache [s]
     lines: int
 
 
@@ -191,11 +188,7 @@ def _expression_folder(key: str) -> str:
 def compile_source(
     source: Path, declaration: str, sizes: Mapping[str, int], comm: MPI.Comm, name: str
 ) -> ModuleType:
-    """Compile a C file, or load it from the cache; collective.
-
-    Returns:
-        A module of cffi, with ``lib`` and ``ffi``.
-    """
+    """A module of cffi of a C file, compiled or loaded from the cache; collective."""
 
     def compiled(options: dict) -> tuple[ModuleType, None, str | None]:
         folder = options["cache_dir"]

@@ -76,7 +76,6 @@ class GeometryMap:
         self.slopes = np.array(slopes)
 
     def nodes(self, cells: NDArray[np.int32] | slice) -> Array:
-        """Positions of the nodes of cells (cells, nodes, d) [mm]."""
         return cell_nodes(self._mesh, cells)
 
     def positions(self, nodes: Array) -> Array:
@@ -143,17 +142,11 @@ def derivatives_in_cells(
 
 
 class FacetShapes(NamedTuple):
-    """Shape functions at the points of facets of cells.
+    """Shape functions at the points of facets of cells."""
 
-    Attributes:
-        gradients: GRAD (n, points, nodes, d or d + 1).
-        weights: Quadrature weights (n, points).
-        points: X (n, points, d) [mm].
-    """
-
-    gradients: Array
-    weights: Array
-    points: Array
+    gradients: Array  # GRAD (n, points, nodes, d or d + 1)
+    weights: Array  # Quadrature weights (n, points)
+    points: Array  # X (n, points, d) [mm]
 
     def at(self, positions: Array) -> FacetShapes:
         """The same with the points of each facet in the order of ``positions``.

@@ -305,7 +305,6 @@ class ImplicitSteps:
         return verdict(self._norms, self._goal, True, self._options)
 
     def free(self) -> None:
-        """Free the PETSc objects; collective."""
         self._system.free()
         self._snes.free()
         for matrix in (self._mass, self._damping, self._rate):

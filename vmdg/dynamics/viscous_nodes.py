@@ -40,11 +40,8 @@ class ViscousNodes:
             item.destroy()
 
     def stable(self, critical: float) -> float:
-        """The critical step with damping, 2/omega (sqrt(1 + xi^2) - xi), xi = beta omega/2.
-
-        Args:
-            critical: 2/omega without [s].
-        """
+        """The critical step with damping, 2/omega (sqrt(1 + xi^2) - xi), xi = beta omega/2, from
+        that without, 2/omega [s]."""
         xi = self._damping.rayleigh.beta / critical
         return critical * (math.sqrt(1 + xi**2) - xi)
 
@@ -69,7 +66,6 @@ class ViscousNodes:
         return self._damping.rayleigh.alpha * self._masses * v + self.of_dashpots(v)
 
     def of_dashpots(self, v: Array) -> Array:
-        """Their part of :meth:`drag`."""
         forces, dofs = np.zeros_like(v), self._d * self._nodes[:, None] + np.arange(self._d)
         forces[dofs] = np.einsum("nij,nj->ni", self._blocks, v[dofs])
         return forces

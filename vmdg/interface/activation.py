@@ -27,16 +27,12 @@ OPENS, OPENS_WITH_OTHERS, REPEATS_STEP = 1.0, 0.75, 1.5
 
 @dataclass(frozen=True)
 class Utilization:
-    """Traction on closed facets relative to the traction at which they open.
+    """Traction on closed facets relative to the traction at which they open."""
 
-    Attributes:
-        facets: Utilization of the owned facets of every interface that opens on demand, by its
-            number (nf,); zero on open facets.
-        largest: Maximum over all ranks; zero if no interface opens on demand.
-    """
-
+    # Utilization of the owned facets of every interface that opens on demand, by its number (nf,);
+    # zero on open facets
     facets: dict[int, NDArray[np.float64]]
-    largest: float
+    largest: float  # Maximum over all ranks; zero if no interface opens on demand
 
 
 class PotentialFacets:

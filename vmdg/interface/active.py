@@ -107,11 +107,8 @@ class ActiveInterface:
     # At the current displacement
 
     def apply(self, stabilization: Stabilization) -> float:
-        """Set tau_s and the flux weights of the forms for a step; collective.
-
-        Returns:
-            The resulting change of the energy (30) at this rank's points [N mm; N in plane strain].
-        """
+        """Set tau_s and the flux weights of the forms for a step; the resulting change of the
+        energy (30) at this rank's points [N mm; N in plane strain]; collective."""
         before = self.stabilization
         self._set_stabilization(stabilization)
         if self.law.inelastic:
@@ -228,11 +225,8 @@ class ActiveInterface:
         return False
 
     def pair(self, release: bool = False) -> None:
-        """Pair the surfaces in the configuration of the current displacement.
-
-        Args:
-            release: Also facets whose bond is broken everywhere, from now on.
-        """
+        """Pair the surfaces in the configuration of the current displacement, with ``release`` also
+        facets whose bond is broken everywhere, from now on."""
 
     # Return maps
 
@@ -240,11 +234,8 @@ class ActiveInterface:
         return self._return_map.start()
 
     def trial(self, closes: bool = False) -> Trial:
-        """Input of the return map of the step at the current displacement.
-
-        Args:
-            closes: Take in facets that were left out and now touch.
-        """
+        """Input of the return map of the step at the current displacement, with ``closes`` taking
+        in facets that were left out and now touch."""
         known, q = self.stabilization, self.quadrature
         out = known.left_out if lets_go(self) else np.zeros(0, dtype=bool)
         if out.any():
@@ -404,10 +395,8 @@ class ActiveInterface:
             self.fluid.share = share
 
     def works(self) -> NDArray[np.float64]:
-        """Dissipation of this rank's points in the step, (39), by damage, friction and viscosity.
-
-        [N mm; N in plane strain], (3,).
-        """
+        """Dissipation of this rank's points in the step, (39), by damage, friction and viscosity
+        (3,) [N mm; N in plane strain]."""
         update, q = self.values.update, self.quadrature
         if update is None:
             return np.zeros(3)
@@ -566,11 +555,8 @@ def interface_flux(active: ActiveInterface) -> NDArray[np.float64]:
 
 
 def interface_energy(active: ActiveInterface, anew: bool = False) -> float:
-    """Energy (30) at this rank's points [N mm; N in plane strain].
-
-    Args:
-        anew: Eigenstrains have changed since the last return map.
-    """
+    """Energy (30) at this rank's points [N mm; N in plane strain]; ``anew`` if eigenstrains have
+    changed since the last return map."""
     if active.stabilization is None:
         return 0.0
     values = active.values

@@ -126,16 +126,11 @@ Stabilized = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class Moduli(NamedTuple):
-    """Of some cells and pairs at a displacement.
+    """Of some cells and pairs at a displacement."""
 
-    Attributes:
-        bulk: Upper triangle of A (cells, points, m).
-        traction: dP.N/dF of pairs (pairs, points, m).
-        volume: dJ/dF (cells, points, m); None without mean dilatation, and at small strain.
-    """
-
-    bulk: NDArray[np.float64]
-    traction: NDArray[np.float64]
+    bulk: NDArray[np.float64]  # Upper triangle of A (cells, points, m)
+    traction: NDArray[np.float64]  # dP.N/dF of pairs (pairs, points, m)
+    # dJ/dF (cells, points, m); None without mean dilatation, and at small strain
     volume: NDArray[np.float64] | None
 
 

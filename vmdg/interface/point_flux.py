@@ -38,31 +38,20 @@ _MOST = 60_000
 
 
 class _Piece(NamedTuple):
-    """Change of {P.N} on some facets by the dofs of one side.
-
-    Attributes:
-        facets: The facets (f,).
-        cells: Their cells on that side (f,).
-        points: Points of the facets (f, p).
-        flux: Change of {P.N} (f, p, d, n).
-    """
+    """Change of {P.N} on some facets by the dofs of one side."""
 
     side: int
-    facets: NDArray[np.integer]
-    cells: NDArray[np.int32]
-    points: NDArray[np.integer]
-    flux: Array
+    facets: NDArray[np.integer]  # The facets (f,)
+    cells: NDArray[np.int32]  # Their cells on that side (f,)
+    points: NDArray[np.integer]  # Points of the facets (f, p)
+    flux: Array  # Change of {P.N} (f, p, d, n)
 
 
 class FluxChange(NamedTuple):
-    """What the flux of bodies at points changes in the tangent of an interface.
-
-    Attributes:
-        load: L dA (nq, jet, d).
-    """
+    """What the flux of bodies at points changes in the tangent of an interface."""
 
     of: PointFlux
-    load: Array
+    load: Array  # L dA (nq, jet, d)
 
     def add_to(self, matrices: Array, rows: slice, B: Array, trial: Field) -> None:
         """Add to the matrices of some facets (f, m, n), whose columns are those of both sides."""

@@ -58,7 +58,6 @@ class PointResidual:
         self._directions = fem.Function(quadrature.space((d,)))
 
     def compile(self) -> None:
-        """Compile the kernels now; collective."""
         _ = self._adjoint
 
     @cached_property

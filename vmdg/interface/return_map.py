@@ -24,36 +24,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Trial:
-    """Input of return maps at the points of one interface, or of several with one law.
+    """Input of return maps at the points of one interface, or of several with one law."""
 
-    Attributes:
-        total: {P.N} + r g, for a tie with the tensor tau_s: T (nq, d) [MPa].
-        opening: g (nq, d) [mm].
-        jump: [[P.N]] (nq, d) [MPa].
-        N: Reference normal (nq, d).
-        r: |tau_s| (nq,) [MPa/mm]; this and the following are None for a tie.
-        gap: zeta_n (nq, d) [mm].
-        softening: Q_n (nq,) [MPa].
-        overstress_modulus: k of :func:`map_back` (nq,) [MPa/mm]; None for the plain law.
-        cycles: Load cycles that the step represents (nq,); None for none.
-        F: Mean deformation gradient (nq, d, d); this and the following are None where the frame is
-            fixed.
-        initial_gap: Position on side 2 minus that on side 1, which turns with the frame (nq, d)
-            [mm]; None where they coincide.
-    """
-
-    total: Array
-    opening: Array
-    jump: Array
-    N: Array
-    r: Array | None = None
-    gap: Array | None = None
-    softening: Array | None = None
+    total: Array  # {P.N} + r g, for a tie with the tensor tau_s: T (nq, d) [MPa]
+    opening: Array  # g (nq, d) [mm]
+    jump: Array  # [[P.N]] (nq, d) [MPa]
+    N: Array  # Reference normal (nq, d)
+    r: Array | None = None  # |tau_s| (nq,) [MPa/mm]; this and the following are None for a tie
+    gap: Array | None = None  # zeta_n (nq, d) [mm]
+    softening: Array | None = None  # Q_n (nq,) [MPa]
+    # k of :func:`map_back` (nq,) [MPa/mm]; None for the plain law
     overstress_modulus: Array | None = None
-    cycles: Array | None = None
+    cycles: Array | None = None  # Load cycles that the step represents (nq,); None for none
+    # Mean deformation gradient (nq, d, d); this and the following are None where the frame is fixed
     F: Array | None = None
     R: Array | None = None
     W: Array | None = None
+    # Position on side 2 minus that on side 1, which turns with the frame (nq, d) [mm]; None where
+    # they coincide
     initial_gap: Array | None = None
 
 
@@ -156,11 +144,8 @@ class ReturnMap:
         return self._traction()
 
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
-        """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame.
-
-        Returns:
-            None for what the interface does not have.
-        """
+        """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame; None for
+        what the interface does not have."""
         if self._frame is None:
             return values.compliance, None
         inside = values.frame_total, values.frame_gap, values.frame_traction
@@ -179,7 +164,6 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
         return PointValues(trial.opening, trial.jump, None, trial.total)
 
     def mapped(total: Array) -> PointValues:
-        """Values for {P.N} + r g in the frame of the law."""
         new = {"opening": trial.opening, "jump": trial.jump}
         if not law.inelastic:
             return PointValues(**new, gap=None, traction=total, compliance=np.zeros_like(trial.F))

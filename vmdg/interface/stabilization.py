@@ -34,27 +34,20 @@ SAME_UNITS = "; are the units of strength, moduli, critical gap and mesh consist
 
 @dataclass(frozen=True)
 class Stabilization:
-    """Stabilization of an interface on the facets this rank owns.
+    """Stabilization of an interface on the facets this rank owns, with the scalar r of (57)."""
 
-    Attributes:
-        tau: tau_s, safety included (nf, d, d) [MPa/mm].
-        delta: Flux weights delta_1, delta_2 of (23) (nf, 2, d, d).
-        weights: Flux weights of the forms: delta, or its isotropic part for a rotating frame; zero
-            where a facet is left out, see :class:`.ActiveInterface` (nf, 2, d, d).
-        penalty: tau_s of the forms (nf, d, d) [MPa/mm]: ``tau``, or r I where the law can fail, so
-            that r is also that of the return map, or where its frame turns.
-        delta_s: (tau_1^-1 + tau_2^-1)^-1 of (25)-(26), without safety (nf, d, d) [mm3/N].
-        norm: |tau_s|, the scalar r of (57) (nf,) [MPa/mm].
-        safety: Factor in ``tau`` and ``norm`` on the derived tau_s (nf,).
-    """
-
-    tau: NDArray[np.float64]
-    delta: NDArray[np.float64]
+    tau: NDArray[np.float64]  # tau_s, safety included (nf, d, d) [MPa/mm]
+    delta: NDArray[np.float64]  # Flux weights delta_1, delta_2 of (23) (nf, 2, d, d)
+    # Flux weights of the forms: delta, or its isotropic part for a rotating frame; zero where a
+    # facet is left out, see :class:`.ActiveInterface` (nf, 2, d, d)
     weights: NDArray[np.float64]
+    # tau_s of the forms (nf, d, d) [MPa/mm]: ``tau``, or r I where the law can fail, so that r is
+    # also that of the return map, or where its frame turns
     penalty: NDArray[np.float64]
+    # (tau_1^-1 + tau_2^-1)^-1 of (25)-(26), without safety (nf, d, d) [mm3/N]
     delta_s: NDArray[np.float64]
-    norm: NDArray[np.float64]
-    safety: NDArray[np.float64]
+    norm: NDArray[np.float64]  # |tau_s|, the scalar r of (57) (nf,) [MPa/mm]
+    safety: NDArray[np.float64]  # Factor in ``tau`` and ``norm`` on the derived tau_s (nf,)
 
     @property
     def left_out(self) -> NDArray[np.bool_]:

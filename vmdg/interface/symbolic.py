@@ -175,7 +175,6 @@ class SymbolicInterface:
         return sum(terms, start=ufl.Form([]))
 
     def compile(self, form: ufl.Form, name: str = "interface's residual") -> fem.Form:
-        """Compile a form with these coefficients; collective."""
         comm = self.active.quadrature.mesh.comm
         return compile_form(form, comm, name=name, submeshes=[self.submesh])
 

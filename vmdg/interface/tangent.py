@@ -38,13 +38,9 @@ void add_forces(long{", void *" * 6});
 
 
 class PointTangent:
-    """D of one interface: its tangent is int j(eta).D.j(du) dA.
+    """D of one interface: its tangent is int j(eta).D.j(du) dA."""
 
-    Attributes:
-        moduli: H_a of both sides (2, nq, d, entries) at the last evaluation [MPa].
-    """
-
-    moduli: Array
+    moduli: Array  # H_a of both sides (2, nq, d, entries) at the last evaluation [MPa]
 
     def __init__(
         self,

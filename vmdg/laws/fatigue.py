@@ -457,7 +457,6 @@ class _Pressed(_Points):
         self._wear = law.wear(zero, zero + 1.0)
 
     def start(self) -> Beginning:
-        """At g_n."""
         ratio, _ = self._ratio(self.at.g)
         some = np.maximum(ratio, _LEAST)
         rate = self._wear.log_rate(some, self.law.life)

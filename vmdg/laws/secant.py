@@ -308,11 +308,8 @@ Points = TypeVar("Points", Start, Sheared, Rubbing)
 
 
 def rub(shear: Scaled, at: Sheared, g: Array) -> Rubbing:
-    """Friction parallel to the spring for a known g.
-
-    Args:
-        g: Largest gap (m,), zero where the bond is intact and rigid.
-    """
+    """Friction parallel to the spring for a known largest gap g (m,), zero where the bond is intact
+    and rigid."""
     load, held, cap, r = at
     s, _ = shear.at(g)
     bonded = np.divide(s * shear.modulus, g, out=np.zeros_like(g), where=g > 0.0)
@@ -369,11 +366,8 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
 
 
 def _grown(shear: Scaled, at: Sheared, start: Array) -> Array:
-    """Root g > g_n of r zeta_s g + P_s s(g) = |T*_T - d mu |T_N| n|, where K falls.
-
-    Args:
-        start: g_n (m,).
-    """
+    """Root g > g_n of r zeta_s g + P_s s(g) = |T*_T - d mu |T_N| n|, where K falls, from g_n
+    (m,)."""
     r = at.penalty
 
     def imbalance(g: Array) -> tuple[Array, Array]:

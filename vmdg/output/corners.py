@@ -52,12 +52,10 @@ def corner_dofs(problem: Problem) -> NDArray[np.int32]:
 
 
 def nodal_means(problem: Problem, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means over the cells around every node of the displacement; collective.
+    """Means over the cells around every node, for the corners of owned cells in cell order, of
+    values given in that order (n, corners); collective.
 
     Values on both sides of an open interface belong to different nodes.
-
-    Returns:
-        The means, in the same order.
     """
     dofs = problem.space.dofmap.list[: len(values)][:, corner_dofs(problem)]
     total = fem.Function(problem.space)

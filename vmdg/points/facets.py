@@ -32,28 +32,18 @@ from .interface import ALL, Interface, PairRule
 
 @dataclass(frozen=True)
 class InterfaceFacets:
-    """The facets of one interface on this rank, with their sides.
+    """The facets of one interface on this rank, with their sides."""
 
-    Attributes:
-        facets: Owned facets, ascending, (nf,).
-        cells: Cell of side 1 and of side 2, (nf, 2).
-        local: Number of the facet within these cells, (nf, 2).
-        tags: Cell tags of the two sides, (nf, 2).
-        everywhere: The same interface including the facets of other ranks known here (ghosts).
-        damage: Initial damage of the bond (nf,), 1 where it is broken.
-        law: The law on these facets: parameters that vary are arrays (nf,).
-        walled: Whether one side of every facet is a rigid wall; the same on all ranks.
-    """
-
-    facets: NDArray[np.int32]
-    cells: NDArray[np.int32]
-    local: NDArray[np.int32]
-    tags: NDArray[np.int32]
+    facets: NDArray[np.int32]  # Owned facets, ascending, (nf,)
+    cells: NDArray[np.int32]  # Cell of side 1 and of side 2, (nf, 2)
+    local: NDArray[np.int32]  # Number of the facet within these cells, (nf, 2)
+    tags: NDArray[np.int32]  # Cell tags of the two sides, (nf, 2)
+    # The same interface including the facets of other ranks known here (ghosts)
     everywhere: NDArray[np.int32]
-    damage: NDArray[np.float64]
-    law: Law
+    damage: NDArray[np.float64]  # Initial damage of the bond (nf,), 1 where it is broken
+    law: Law  # The law on these facets: parameters that vary are arrays (nf,)
     label: str
-    walled: bool = False
+    walled: bool = False  # Whether one side of every facet is a rigid wall; the same on all ranks
 
     @property
     def cut(self) -> NDArray[np.int32]:

@@ -63,15 +63,10 @@ void pieces(long{", void *" * 6});
 
 @dataclass(frozen=True, eq=False)
 class FlatFacets:
-    """Facets by their corners.
+    """Facets by their corners."""
 
-    Attributes:
-        corners: In order around each facet (n, c, d) [mm].
-        normals: Unit normals, outward (n, d).
-    """
-
-    corners: Array
-    normals: Array
+    corners: Array  # In order around each facet (n, c, d) [mm]
+    normals: Array  # Unit normals, outward (n, d)
 
     @classmethod
     def of(cls, corners: Array, inside: Array) -> FlatFacets:
@@ -134,30 +129,22 @@ class Segments(NamedTuple):
     """Intersections of facets of two surfaces in planes of the first surface.
 
     Those of quadrilaterals are quadrilaterals, in order around; with a repeated corner triangles.
-
-    Attributes:
-        first: Facet of the first surface (n,).
-        second: Facet of the second one (n,).
-        corners: Corners in the plane (n, c, d - 1) [mm].
-        origins: Origin of the plane (n, d) [mm].
-        axes: Its orthonormal axes (n, d - 1, d).
-        one, two: The whole facets in the plane (n, k, d - 1) [mm].
-        away: Distance of the second facet along the normal of the first, at the middle (n,),
-            negative where bodies overlap [mm].
     """
 
-    first: Numbers
-    second: Numbers
-    corners: Array
-    origins: Array
-    axes: Array
+    first: Numbers  # Facet of the first surface (n,)
+    second: Numbers  # Facet of the second one (n,)
+    corners: Array  # Corners in the plane (n, c, d - 1) [mm]
+    origins: Array  # Origin of the plane (n, d) [mm]
+    axes: Array  # Its orthonormal axes (n, d - 1, d)
+    # one, two: The whole facets in the plane (n, k, d - 1) [mm]
     one: Array
     two: Array
+    # Distance of the second facet along the normal of the first, at the middle (n,), negative where
+    # bodies overlap [mm]
     away: Array
 
     @property
     def measures(self) -> Array:
-        """Lengths, or areas (n,) [mm; mm2]."""
         return np.abs(_measures(self.corners))
 
     def follows(self) -> Array:

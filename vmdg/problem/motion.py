@@ -55,31 +55,20 @@ def checked_density(
 
 
 class Plan(NamedTuple):
-    """Where an explicit run is between two renewals, for one that continues it.
-
-    Attributes:
-        critical: The critical step found there [s].
-        longest: The longest one so far [s].
-    """
+    """Where an explicit run is between two renewals, for one that continues it."""
 
     count: int
-    critical: float
-    longest: float
+    critical: float  # The critical step found there [s]
+    longest: float  # The longest one so far [s]
     cuts: int
 
 
 class MotionState(NamedTuple):
-    """Motion at the end of a step, see :class:`Motion`; its arrays are never modified.
+    """Motion at the end of a step, see :class:`Motion`; its arrays are never modified."""
 
-    Attributes:
-        velocity: Local dofs [mm/s].
-        acceleration: Owned dofs [mm/s2].
-        carried: Inertial and viscous forces of owned dofs [N].
-    """
-
-    velocity: Array
-    acceleration: Array
-    carried: Array
+    velocity: Array  # Local dofs [mm/s]
+    acceleration: Array  # Owned dofs [mm/s2]
+    carried: Array  # Inertial and viscous forces of owned dofs [N]
     lumped: Array | None
     plan: Plan | None
 

@@ -51,13 +51,9 @@ SINGULAR = 1e-13
 
 @dataclass
 class _Partial:
-    """Rates by a parameter at fixed displacement and load factor.
+    """Rates by a parameter at fixed displacement and load factor."""
 
-    Attributes:
-        histories: Of the start of the step, of every interface.
-    """
-
-    histories: list[PointHistory]
+    histories: list[PointHistory]  # Of the start of the step, of every interface
     stabilizations: list[Stabilization]
     trials: list[Trial]
     changes: bool
