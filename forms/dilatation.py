@@ -61,17 +61,12 @@ def mean_dilated(F: Expr, theta: Expr, small: bool) -> Expr:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeanDilatation(_Plain):
-    """A geometry whose F and GRAD have an additional entry for theta.
-
-    Attributes:
-        pressure: p of the cells, positive in tension [MPa].
-    """
+    """A geometry whose F and GRAD have an additional entry for theta."""
 
     theta: Expr
-    pressure: Expr
+    pressure: Expr  # p of the cells, positive in tension [MPa]
 
     def size(self, d: int) -> int:
-        """Rows n + 1 of GRAD w."""
         return super().size(d) + 1
 
     def entries(self, d: int) -> Entries:

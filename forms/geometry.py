@@ -36,15 +36,11 @@ def _plus_identity(gradient: Expr) -> Expr:
 
 @dataclass(frozen=True, eq=False)
 class Cartesian:
-    """Solids in 3D, and plane strain of a given thickness; n = d.
+    """Solids in 3D, and plane strain of a given thickness; n = d."""
 
-    Attributes:
-        thickness: Thickness of a plane body [mm], a factor of all integrals.
-        macroscopic: F_bar - I of a periodic cell, the mean of GRAD u (d, d); the displacement of
-            the forms is then the fluctuation w in u = (F_bar - I).X + w. None for other bodies.
-    """
-
-    thickness: Expr | float = 1
+    thickness: Expr | float = 1  # Thickness of a plane body [mm], a factor of all integrals
+    # F_bar - I of a periodic cell, the mean of GRAD u (d, d); the displacement of the forms is then
+    # the fluctuation w in u = (F_bar - I).X + w. None for other bodies.
     macroscopic: Expr | None = None
 
     @property
@@ -95,7 +91,6 @@ class GeneralizedPlane(Cartesian):
     axial: Expr
 
     def size(self, d: int) -> int:
-        """Rows n of GRAD w: 3."""
         return 3
 
     def entries(self, d: int) -> Entries:
@@ -132,14 +127,10 @@ class Axisymmetric:
 
     The third axis is the hoop direction: GRAD w = [[w_r,r, w_r,z, 0], [w_z,r, w_z,z, 0],
     [0, 0, w_r/r]]. Integrals are those of the whole body, dV = 2 pi r dr dz and dA = 2 pi r ds.
-
-    Attributes:
-        x: Position (r, z) [mm].
-        axis: Radius below which a node lies on the axis [mm].
     """
 
-    x: Expr
-    axis: float
+    x: Expr  # Position (r, z) [mm]
+    axis: float  # Radius below which a node lies on the axis [mm]
 
     @property
     def thickness(self) -> float:
@@ -156,7 +147,6 @@ class Axisymmetric:
         return 2 * math.pi * x[0]
 
     def size(self, d: int) -> int:
-        """Rows n of GRAD w: 3."""
         return 3
 
     def entries(self, d: int) -> Entries:

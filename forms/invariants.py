@@ -20,16 +20,12 @@ class Invariants:
 
     Its derivatives by F follow from scalar ones by the chain rule in two stages, arguments of W by
     invariants and invariants by F. This keeps the kernels of elaborate energies small.
-
-    Attributes:
-        energy: W [MPa], depends on F through the arguments only.
-        arguments: UFL variables of expressions that depend on F through the invariants only.
-        variables: I_a, UFL variables of polynomials of the components of F.
     """
 
-    energy: Expr
+    energy: Expr  # W [MPa], depends on F through the arguments only
+    # UFL variables of expressions that depend on F through the invariants only
     arguments: tuple[Variable, ...]
-    variables: tuple[Variable, ...]
+    variables: tuple[Variable, ...]  # I_a, UFL variables of polynomials of the components of F
 
 
 # Set partitions of one, two and three indices: the terms of repeated chain rules.
@@ -96,7 +92,6 @@ class InvariantChain:
         return f
 
     def stress(self) -> Expr:
-        """P."""
         return self._matrix(
             [sum(self._w(a) * self._G[a][p] for a in self._n) for p in range(self._d**2)]
         )

@@ -25,23 +25,16 @@ class PointFields:
     one, a facet could be elastic while its cell is plastic, and no tau_s would suffice. The moduli
     of the adjoint term are those of the last given load factor, since a residual must not jump
     where a point yields.
-
-    Attributes:
-        stress: P at the points of the cells (n, n) [MPa]; with mean dilatation what is conjugate to
-            diag(F, theta).
-        moduli: Its derivative by F there (m, m), rows and columns the ``entries`` [MPa].
-        stored: Stored energy there [MPa].
-        facet_stress: P at any point of a cell (3, 3) [MPa].
-        facet_moduli: dP/dF of the adjoint term, at any point of a cell (m, m) [MPa].
-        facet_stretch: F_33 at any point of a cell, at small strain the strain.
     """
 
+    # P at the points of the cells (n, n) [MPa]; with mean dilatation what is conjugate to diag(F,
+    # theta)
     stress: Expr
-    moduli: Expr
-    stored: Expr
-    facet_stress: Expr
-    facet_moduli: Expr
-    facet_stretch: Expr
+    moduli: Expr  # Its derivative by F there (m, m), rows and columns the ``entries`` [MPa]
+    stored: Expr  # Stored energy there [MPa]
+    facet_stress: Expr  # P at any point of a cell (3, 3) [MPa]
+    facet_moduli: Expr  # dP/dF of the adjoint term, at any point of a cell (m, m) [MPa]
+    facet_stretch: Expr  # F_33 at any point of a cell, at small strain the strain
     entries: tuple[tuple[int, int], ...]
 
     def __call__(self, side: str) -> PointFields:

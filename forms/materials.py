@@ -295,7 +295,6 @@ class NeoHookean(Material):
 
 
 def _lame_of_moduli(E: Any, nu: Any) -> tuple[Any, Any]:
-    """mu and lambda from E and nu, numbers or arrays."""
     _check_range("E", E, np.isfinite(E) & np.greater(E, 0), "must be positive and finite")
     _check_range(
         "nu",

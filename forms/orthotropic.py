@@ -185,7 +185,6 @@ class Cubic(Orthotropic):
 
 
 def _checked_rotation(name: str, rotation: ArrayLike) -> NDArray[np.float64]:
-    """A proper rotation (3, 3)."""
     axes = np.asarray(rotation)
     if (
         axes.shape != (3, 3)

@@ -191,7 +191,6 @@ def _sections(path: Path) -> Iterator[_Section]:
 
 
 def _whole(word: str) -> int:
-    """A label."""
     try:
         return int(np.int64(int(word)))
     except (ValueError, OverflowError):

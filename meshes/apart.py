@@ -62,13 +62,7 @@ def distributed(
     like: Mesh,
     names: Sequence[dict[str, int]],
 ) -> TaggedMesh:
-    """A mesh of cells that any ranks have, with their tags; collective.
-
-    Args:
-        x, rows: As of :func:`cells_in_order`.
-        like: A mesh of the same kind of cells.
-        names: Of the tags of cells and of facets.
-    """
+    """A mesh of cells that any ranks have, with their tags; collective."""
     dim, of_cell = like.topology.dim, compat.coordinate_element(like)
     element = basix.ufl.element(
         "Lagrange",

@@ -53,34 +53,24 @@ HEXAHEDRON_20 = [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]
 
 
 class Block(NamedTuple):
-    """Cells or facets of one type in one group; those of several groups are in several blocks.
-
-    Attributes:
-        nodes: Indices of their points, in gmsh order (n, nodes per cell).
-        entity: Number of the geometric entity they belong to, or of the block.
-    """
+    """Cells or facets of one type in one group; those of several groups are in several blocks."""
 
     dim: int
     kind: int
-    nodes: NDArray[np.int64]
+    nodes: NDArray[np.int64]  # Indices of their points, in gmsh order (n, nodes per cell)
     group: int
-    entity: int
+    entity: int  # Number of the geometric entity they belong to, or of the block
 
 
 @dataclass(frozen=True)
 class MeshArrays:
-    """A mesh as arrays.
+    """A mesh as arrays."""
 
-    Attributes:
-        points: (n, 3).
-        shift: Offset of cell tags relative to the file: tags of gmsh start at 1.
-        nodes: Indices of the points in sets of nodes, by name.
-    """
-
-    points: NDArray[np.float64]
+    points: NDArray[np.float64]  # (n, 3)
     blocks: list[Block]
     names: Mapping[int, Mapping[str, int]]
-    shift: int = 0
+    shift: int = 0  # Offset of cell tags relative to the file: tags of gmsh start at 1
+    # Indices of the points in sets of nodes, by name
     nodes: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
 
     @cached_property
@@ -196,7 +186,6 @@ def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]
 
 
 def _with_repeated_nodes(nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether cells (n, k) have repeated nodes (n,)."""
     in_order = np.sort(nodes, axis=1)
     return (in_order[:, 1:] == in_order[:, :-1]).any(axis=1)
 

@@ -19,12 +19,6 @@ def extrude(gmsh_model: Any, size: float, depth: float, layer: float) -> None:
     Triangles become prisms of three tetrahedra each, quadrilaterals hexahedra. A diagonal starts at
     the lower corner that comes first in a numbering shared by opposite sides, so that the diagonals
     of neighbours and of opposite sides match.
-
-    Args:
-        gmsh_model: With the plane mesh; its groups of cells and facets keep their tags.
-        size: Side of the plane cell [mm].
-        depth: Extrusion depth [mm].
-        layer: Approximate thickness of the layers [mm].
     """
     points, cells, facets = _plane_mesh(gmsh_model)
     layers = max(1, round(depth / layer))
@@ -108,7 +102,6 @@ def _quadrilaterals(low: NDArray, high: NDArray) -> NDArray:
 
 
 def _add(gmsh_model: Any, dim: int, groups: dict[int, NDArray], kind: int) -> None:
-    """An entity and a group of the same tag for every set of cells."""
     for tag, nodes in groups.items():
         entity = gmsh_model.addDiscreteEntity(dim)
         gmsh_model.mesh.addElementsByType(entity, kind, [], nodes.ravel() + 1)

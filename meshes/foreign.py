@@ -60,13 +60,7 @@ def endings() -> tuple[str, ...]:
 def read_foreign(
     path: Path, cell_tags: str | None, facet_tags: str | None, form: str | None = None
 ) -> MeshArrays:
-    """The mesh of a file; groups are sets of cells and facets, or integer data of them.
-
-    Args:
-        cell_tags: Name of the cell data used as tags; None for the only integer data.
-        facet_tags: Name of the facet data; None for the same.
-        form: Name of the format in meshio; None to use the suffix.
-    """
+    """The mesh of a file; groups are sets of cells and facets, or integer data of them."""
     mesh = _read(path, form)
     points = np.zeros((len(mesh.points), 3))
     points[:, : mesh.points.shape[1]] = mesh.points

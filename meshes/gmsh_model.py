@@ -30,11 +30,7 @@ CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
 class NodeSet:
-    """Where the nodes of a set are, for ``problem.dirichlet_points(tagged.nodes["tip"], 0.0)``.
-
-    Args:
-        points: Their coordinates (n, 3) [mm].
-    """
+    """Where the nodes of a set are, for ``problem.dirichlet_points(tagged.nodes["tip"], 0.0)``."""
 
     def __init__(self, points: NDArray[np.float64]):
         self.points = points

@@ -86,9 +86,6 @@ def _apart(
     """Centres moved until no two balls overlap; None if some still do after the last sweep.
 
     Args:
-        centres: (n, dim).
-        radii: Radii of the balls (n,).
-        periodic: Whether balls leave and enter; otherwise they stay inside.
         aim: Extra distance of separated pairs, in radii, so that the sweeps end.
     """
     if 2 * radii.max() > size:  # a ball touches two sides, or its own image
@@ -128,17 +125,8 @@ def at_images(x: NDArray[np.float64], shifts: NDArray[np.float64]) -> NDArray[np
 def images(
     centres: NDArray[np.float64], radii: ArrayLike, size: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Centres of all balls and periodic images that intersect [0, size]^dim, and their ball
-    numbers.
-
-    Args:
-        centres: In the cell (n, dim) [mm].
-        radii: One, or one of each [mm].
-        size: Side of the cell [mm].
-
-    Returns:
-        Centres (m, dim) [mm], numbers of the balls (m,).
-    """
+    """Centres (m, dim) [mm] of all balls and periodic images that intersect [0, size]^dim, and the
+    numbers of the balls (m,)."""
     count, dim = centres.shape
     shifts = shifts_of(dim, size)
     places = at_images(centres, shifts)
@@ -157,11 +145,6 @@ def well_cut(
 
     A side nearly tangent to a body creates slivers, so the least distance of sides, and of corners,
     from places to avoid is maximised.
-
-    Args:
-        tangents: Along every axis, coordinates that sides should avoid (n,) [mm].
-        size: Side of the cell [mm].
-        clear: Distance of a corner of the cell from places to avoid [mm].
     """
     places, margins = [], []
     for x in tangents:
@@ -187,9 +170,7 @@ def cut_balls(
     """Centres in a periodic cell whose sides keep a distance from tangents of balls.
 
     Args:
-        centres: (n, dim) [mm].
         radii: Radii of the circles around each centre, the same for all [mm].
-        size: Side of the cell [mm].
     """
     around = np.array(radii)[:, None]
 

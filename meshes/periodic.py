@@ -18,12 +18,7 @@ TOLERANCE = 1e-6
 
 
 def sides(gmsh_model: Any, dim: int, size: float) -> dict[int, list[int]]:
-    """Entities on the sides of [0, size]^dim, by the tag of the side.
-
-    Args:
-        gmsh_model: The model, with [0, size]^dim as its outline.
-        size: Side of the cell [mm].
-    """
+    """Entities on the sides of [0, size]^dim, by the tag of the side."""
     found: dict[int, list[int]] = {tag: [] for pair in PAIRS[:dim] for tag in pair}
     for _, entity in gmsh_model.getEntities(dim - 1):
         box = np.reshape(gmsh_model.getBoundingBox(dim - 1, entity), (2, 3)) / size
@@ -41,7 +36,6 @@ def match_sides(
     """Let gmsh copy the meshes of the low sides to the high ones.
 
     Args:
-        size: Side of the cell [mm].
         fit: Tolerance between an entity and its image, relative to the size.
     """
     for axis, pair in enumerate(PAIRS[:dim]):

@@ -165,7 +165,6 @@ def _check(scene: str, *counts: int) -> None:
 
 
 def _filled(geo: Any, loop: list[int]) -> int:
-    """A face of structured quadrilaterals."""
     face = geo.addPlaneSurface([geo.addCurveLoop(loop)])
     geo.mesh.setTransfiniteSurface(face)
     geo.mesh.setRecombine(2, face)

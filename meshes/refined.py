@@ -56,7 +56,6 @@ def refined(root: TaggedMesh | tuple[Mesh, MeshTags, MeshTags], size: Size) -> T
     x, rows = (gathered(comm, part) for part in cells_in_order(comm, [tuple(root)]))
 
     def finer() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Nodes and cells, of rank 0 alone."""
         if comm.rank:
             return x[:0], rows[:0]
         alone = distributed(MPI.COMM_SELF, x, rows, mesh, names)

@@ -60,10 +60,7 @@ def tessellate(
     periodic diagram is shifted so that its sides keep a distance from corners.
 
     Args:
-        seeds: (n, d) [mm].
         weights: (n,) [mm2]; equal ones for Voronoi cells.
-        size: Side of the cell [mm].
-        shortest: Least length of an edge [mm].
     """
     planes = _bounded(seeds, weights, size, periodic)
     if periodic:
@@ -239,7 +236,6 @@ def _astray(joined: NDArray[np.int64], sides: NDArray[np.bool_]) -> NDArray[np.i
     """Classes whose corners lie on several sides, and none on all of these.
 
     Args:
-        joined: Class of every corner (n,).
         sides: Whether a corner is on a side, by axis (n, d).
     """
     all_sides = np.zeros((joined.max() + 1, sides.shape[1]), dtype=bool)
@@ -259,12 +255,7 @@ def _short_edges(
     one: NDArray[np.int64],
     shortest: float,
 ) -> NDArray[np.int64]:
-    """Classes of the ends of short edges (n, 2), by increasing length.
-
-    Args:
-        corners: Corners of all pieces (k, d).
-        shortest: Length below which an edge is short [mm].
-    """
+    """Classes of the ends of short edges (n, 2), by increasing length."""
     edges = np.concatenate(
         [
             np.column_stack([face, np.roll(face, -1)]) + start
@@ -281,12 +272,7 @@ def _short_edges(
 
 
 class _Faces:
-    """Faces between points that may have moved.
-
-    Args:
-        points: (n, d) [mm].
-        size: Side of the cell [mm].
-    """
+    """Faces between points that may have moved."""
 
     def __init__(self, points: NDArray[np.float64], size: float):
         self._points, self._size = points, size
@@ -368,9 +354,7 @@ def _shared(
     """A point for every class and every existing image of it.
 
     Args:
-        corners: (n, d), on the sides exactly.
         sides: Marks of the corners on low and on high sides, each (n, d).
-        size: [mm].
 
     Returns:
         Points (m, d), the number of the point of every corner (n,), and of every point the number

@@ -147,21 +147,3 @@ def test_numbers_in_the_text():
     assert missed == 0
     assert f"{studies} studies of [convergence]" in readme
     assert f"All {studies} studies meet the targets" in accuracy
-
-
-def test_push_out_in_the_text():
-    """The run with the defaults of the demo is in every study."""
-    found, accuracy = named_tables(), text("demos/ACCURACY.md")
-    defaults = {
-        "mesh": "cells x 1",
-        "steps": "100 steps",
-        "friction": "mu = 0.525",
-        "modulus": "E_f / E_m = 0.625",
-    }
-    for study, label in defaults.items():
-        (ran,) = (row for row in rows(found[f"pushout_{study}"]) if row[0] == label)
-        largest, end = float(ran[4]), float(ran[6])
-        assert f"| 412.2 | {largest:.1f} (+0.3 %) |" in accuracy
-        assert f"| 105.5 | {end:.1f} (-0.3 %) |" in accuracy
-        assert abs(largest / 412.2 - 1) < 0.0035
-        assert abs(end / 105.5 - 1) < 0.0035

@@ -9,11 +9,7 @@ from . import __version__, doctor
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command; its exit code.
-
-    Args:
-        arguments: Command-line arguments; None for those of the process.
-    """
+    """Run a command; its exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m vmdg",
         description="Interface failure at finite strain on DOLFINx; under mpirun on its ranks.",

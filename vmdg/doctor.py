@@ -300,7 +300,6 @@ def check_fields(comm: MPI.Comm) -> str:
 
 
 def check_checkpoints(comm: MPI.Comm) -> str:
-    """Write a state and read it into another problem."""
     import numpy as np
 
     from . import read_checkpoint, write_checkpoint

@@ -1,15 +1,11 @@
-"""Fits of random curves, with good models and bad ones, and of series of images.
+"""Fits of random curves, with good models and bad ones.
 
-``fits --study curves``: two squares with a bond are pulled apart, or sheared, with random noise,
-starts and mistakes, and strength, critical gap and modulus identified. A fit is right if the truth
-is within four standard errors, "said" if it warns, "given" if it says by how much the estimates
-follow the parameter that is wrong, and "hidden" if no data with that noise can show the mistake:
-forces without noise are then fitted as well. Else it is SILENT, and an ALARM where nothing is wrong
-and it warns; of a start ten times off it may say that it found nothing.
-
-``fits --study images``: the beam of ``measured_images`` with other noise and other motions of the
-camera for every seed, with and without its images. Fits begin at the truth: what is judged are the
-errors and how often the 95 % intervals contain it. Ranks share the seeds.
+Two squares with a bond are pulled apart, or sheared, with random noise, starts and mistakes, and
+strength, critical gap and modulus identified. A fit is right if the truth is within four standard
+errors, "said" if it warns, "given" if it says by how much the estimates follow the parameter that
+is wrong, and "hidden" if no data with that noise can show the mistake: forces without noise are
+then fitted as well. Else it is SILENT, and an ALARM where nothing is wrong and it warns; of a start
+ten times off it may say that it found nothing. Ranks share the fits.
 """
 
 from __future__ import annotations
@@ -17,16 +13,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import Annotated
+from itertools import chain
 
 from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import NDArray
 from parts.options import run
-from parts.scenes import measured_images
-from parts.tables import markdown, progress, report
+from parts.tables import markdown, report
 
 import vmdg
 from vmdg.meshes import blocks
@@ -138,71 +132,23 @@ def identified(makes: dict, measured: dict, start: dict[str, float]) -> vmdg.Ide
         return vmdg.identify(makes, measured, start, comm=MPI.COMM_SELF)
 
 
-def curves(count: int, seed: int) -> list[tuple[str, ...]]:
-    """Fits of random curves; a line of each."""
+HEAD = ("", "wrong", "sigma", "noise [%]", "off [%]", "errors off", "runs", "", "says")
+
+
+def main(count: int = 40, seed: int = 0, out: str = "results/fits") -> list[tuple[str, ...]]:
+    """Fit random curves; the lines of the table.
+
+    Args:
+        count: Number of fits.
+        seed: Of the mistakes.
+        out: Folder for the table.
+    """
     world, mine = MPI.COMM_WORLD, []
     for number in range(world.rank, count, world.size):
         mine.append(fit(number, seed))
         print(*mine[-1][:-1], mine[-1][-1][:60], sep=" | ", flush=True)
-    return sorted((one for part in world.allgather(mine) for one in part), key=lambda r: int(r[0]))
-
-
-def outcome(found: vmdg.Identified) -> NDArray[np.float64]:
-    """Error, log of the estimate over the truth, and whether the interval has it, by parameter."""
-    true = measured_images.TRUTH
-    rows = [(found.relative_errors[k], np.log(found.estimate[k] / v)) for k, v in true.items()]
-    value, error = found.energies["bond"]
-    rows.append((error, np.log(2 * value / true["bond.strength"] / true["bond.critical_gap"])))
-    return np.array([(s, off, abs(off) <= 1.96 * s) for s, off in rows])
-
-
-def images(count: int, facet: float = 0.5) -> list[tuple[str, ...]]:
-    """Fits of forces and series of five images; a line for every parameter, with and without."""
-    world, alone = MPI.COMM_WORLD, MPI.COMM_SELF
-    openings = np.linspace(0, 0.7, 6)[1:]
-    truth = measured_images.exact(openings, facet, alone)
-    make = partial(measured_images.beam, facet=facet, comm=alone)
-    every: dict[str, list] = {"force": [], "force and images": []}
-    for seed in progress(range(world.rank, count, world.size), "seed", world.rank == 0):
-        curve, field = measured_images.measured(openings, truth, seed)
-        for name, data in zip(every, ([curve], [curve, field]), strict=True):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", vmdg.ModelWarning)
-                found = vmdg.identify(make, data, measured_images.TRUTH, comm=alone)
-            every[name].append(outcome(found))
-    lines = []
-    for name, mine in every.items():
-        rows = np.array([one for part in world.allgather(mine) for one in part])
-        sizes = np.median(rows[..., 0], 0), rows[..., 1].std(0)
-        for i, parameter in enumerate((*measured_images.TRUTH, "G_c of bond")):
-            shown = (f"{100 * one[i]:.2g}" for one in sizes)
-            right = f"{rows[:, i, 2].sum():.0f} of {len(rows)}"
-            lines.append((name, parameter, *shown, right))
-    return lines
-
-
-HEADS = {
-    "curves": ("", "wrong", "sigma", "noise [%]", "off [%]", "errors off", "runs", "", "says"),
-    "images": ("data", "parameter", "error [%]", "scatter [%]", "intervals with the truth"),
-}
-
-
-def main(
-    study: Annotated[str, HEADS] = "curves",
-    count: int = 40,
-    seed: int = 0,
-    out: str = "results/fits",
-) -> list[tuple[str, ...]]:
-    """Fit random measurements; the lines of the table.
-
-    Args:
-        study: Curves with mistakes, or series of images.
-        count: Number of fits, or of series.
-        seed: Of the mistakes.
-        out: Folder for the table.
-    """
-    lines = curves(count, seed) if study == "curves" else images(count)
-    report(out, f"fits_{study}", markdown(HEADS[study], lines))
+    lines = sorted(chain(*world.allgather(mine)), key=lambda line: int(line[0]))
+    report(out, "fits", markdown(HEAD, lines))
     return lines
 
 

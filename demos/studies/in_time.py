@@ -14,7 +14,6 @@ unloading ends. All three are at work here. The case is ours, after their descri
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from mpi4py import MPI
 
@@ -22,7 +21,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 from parts.options import run
-from parts.tables import markdown
+from parts.tables import markdown, report
 
 import vmdg
 from vmdg.meshes import blocks
@@ -167,12 +166,7 @@ def main(
     beats = [extrinsic(n, p, step, periods) for p in (1.0, 10.0) for step in (0.8, 0.5, 0.2)]
     beats.append(variational(n, periods))
     text = markdown(HEAD, [beat.row() for beat in beats])
-    Path(out).mkdir(parents=True, exist_ok=True)
-    (Path(out) / "in_time.md").write_text(text + "\n")
-    if plot:
-        draw(beats).savefig(Path(out) / "in_time.png")
-    print(text)
-    print(f"results are in {out}")
+    report(out, "in_time", text, draw(beats) if plot else None)
     return beats
 
 

@@ -9,17 +9,13 @@ alone.
 Forces are compared relative to the largest of the run, energies relative to all that is stored and
 dissipated. A scene that is told in another way has the same rows; where rounding has put one more
 into a path that bonds make unstable, histories differ by the error of a step.
-
-Every way of telling a scene (:class:`View`) has the same solution: turned, mirrored, shifted, in
-other units, with the sides swapped, by points, as bodies without common nodes; on finer meshes it
-has it in the limit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from time import perf_counter
 from typing import Any
 
@@ -38,7 +34,7 @@ from parts.stability.cases import (
     random_ogden,
 )
 from parts.stability.checks import EPS, Run, stiffest
-from parts.stability.runner import BAD, Outcome, execute, report, stress
+from parts.stability.runner import Outcome, execute, run_all, stress
 from parts.stability.scenes import (
     Array,
     Bond,
@@ -52,7 +48,6 @@ from parts.stability.scenes import (
     legs,
     rotation,
 )
-from parts.tables import progress
 
 import vmdg
 
@@ -732,21 +727,9 @@ def main(
         first: Number of the first scene, a multiple of 5.
         out: Folder for the table and the list of the scenes.
     """
-    comm = MPI.COMM_WORLD
-    bar = progress(numbers(each, first) if only is None else [only], "scene", comm.rank == 0)
-    outcomes = []
-    for number in bar:
-        if comm.size > 1:
-            outcome = ranks(number)
-        else:
-            outcome = stress(number, PATIENCE, draw=judged)
-        outcomes.append(outcome)
-        if comm.rank == 0 and (outcome.verdict in BAD or only is not None):
-            lines = (f"scene {number}, {outcome.verdict}: {outcome.case}", outcome.detail)
-            bar.write("\n".join(lines))
-    if comm.rank == 0 and only is None:
-        report(outcomes, out, "interfaces")
-    return outcomes
+    together = MPI.COMM_WORLD.size > 1
+    judge = ranks if together else partial(stress, patience=PATIENCE, draw=judged)
+    return run_all(numbers(each, first), judge, "interfaces", out, only, together=together)
 
 
 if __name__ == "__main__":

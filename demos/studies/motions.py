@@ -20,7 +20,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import chain, pairwise
+from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
@@ -33,9 +33,8 @@ from dolfinx.mesh import create_mesh, meshtags
 from interfaces import scaled_law
 from numpy.random import Generator
 from parts.options import run
-from parts.stability.runner import BAD, Outcome, report, time_limit
+from parts.stability.runner import BAD, Outcome, run_all, time_limit
 from parts.stability.scenes import Array, box, distorted, rotation
-from parts.tables import progress
 
 import vmdg
 
@@ -530,18 +529,7 @@ def main(
         first: Number of the first scene.
         out: Folder for the table and the list of the scenes.
     """
-    comm, numbers = MPI.COMM_WORLD, range(first, first + count) if only is None else [only]
-    bar = progress(numbers[comm.rank :: comm.size], "scene", comm.rank == 0)
-    mine = []
-    for number in bar:
-        mine.append(outcome := judge(number))
-        if outcome.verdict in (*BAD, "stopped") or only is not None:
-            lines = (f"scene {number}, {outcome.family}, {outcome.verdict}: {outcome.case}",)
-            bar.write("\n".join((*lines, outcome.detail)))
-    outcomes = sorted(chain(*comm.allgather(mine)), key=lambda outcome: outcome.number)
-    if comm.rank == 0 and only is None:
-        report(outcomes, out, "motions")
-    return outcomes
+    return run_all(range(first, first + count), judge, "motions", out, only, (*BAD, "stopped"))
 
 
 if __name__ == "__main__":

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import log2
-from pathlib import Path
-
-from mpi4py import MPI
 
 import matplotlib.pyplot as plt
 import numpy as np
 from parts.options import run
 from parts.plasticity import arms, membrane, necking, shells
 from parts.plasticity.rows import Row, measured, table
+from parts.tables import report
 
 Drawing = Callable[[plt.Axes], None]
 Result = tuple[list[Row], dict[str, Drawing]]
@@ -179,13 +177,7 @@ def main(
         found, shown = measured(CASES[name], coarse)
         rows += found
         drawings |= shown
-    if MPI.COMM_WORLD.rank == 0:
-        Path(out).mkdir(parents=True, exist_ok=True)
-        (Path(out) / "plasticity.md").write_text(table(rows) + "\n")
-        if plot and drawings:
-            draw(drawings).savefig(Path(out) / "plasticity.png")
-        print(table(rows))
-        print(f"results are in {out}")
+    report(out, "plasticity", table(rows), draw(drawings) if plot and drawings else None)
     return rows
 
 

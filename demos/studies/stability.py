@@ -7,13 +7,8 @@ converged step intact. The families are in ``parts/stability/cases.py``.
 
 from __future__ import annotations
 
-from itertools import chain
-
-from mpi4py import MPI
-
 from parts.options import run
-from parts.stability.runner import BAD, Outcome, numbers, report, stress
-from parts.tables import progress
+from parts.stability.runner import BAD, GOOD, Outcome, numbers, run_all, stress
 
 
 def main(
@@ -30,19 +25,8 @@ def main(
         out: Folder for table and list of runs.
         verbose: Print the verdict on every run.
     """
-    comm = MPI.COMM_WORLD
-    chosen = numbers(each) if only is None else [only]
-    bar = progress(chosen[comm.rank :: comm.size], "run", shown=comm.rank == 0)
-    mine = []
-    for number in bar:
-        mine.append(outcome := stress(number))
-        if verbose or outcome.verdict in BAD or only is not None:
-            lines = (f"run {number}, {outcome.family}: {outcome.verdict}", outcome.case)
-            bar.write("\n".join((*lines, outcome.detail)))
-    outcomes = sorted(chain(*comm.allgather(mine)), key=lambda outcome: outcome.number)
-    if comm.rank == 0 and only is None:
-        report(outcomes, out, "stability")
-    return outcomes
+    shown = (*GOOD, *BAD) if verbose else BAD
+    return run_all(numbers(each), stress, "stability", out, only, shown)
 
 
 if __name__ == "__main__":

@@ -123,11 +123,7 @@ class Run:
 
 
 def pull(law: vmdg.Law, degree: int, element_size: float, steps: int, **options: Any) -> Run:
-    """Pull to the end, or a tie by the first step only, which shows its slope.
-
-    Args:
-        element_size: [mm].
-    """
+    """Pull to the end, or a tie by the first step only, which shows its slope."""
     problem, right = build(law, degree, element_size)
     problem.discretization.compile()
     loads = np.linspace(0, END, steps + 1)[1:] if law.inelastic else [END / steps]

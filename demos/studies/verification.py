@@ -7,13 +7,10 @@ load and crack length of the beams over opening and deflection. The formulas sta
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from mpi4py import MPI
-
 import matplotlib.pyplot as plt
 from parts.delamination.beams import dcb, enf
 from parts.options import run
+from parts.tables import report
 from parts.verification.checks import Check, bimaterial_bar, goodier, shrink_fit, table, timed
 from parts.verification.partial_slip import partial_slip
 from pushout_parameters import push_out
@@ -79,13 +76,7 @@ def main(
             beam = scene()
             checks += beam.checks
             runs[name] = beam.history
-    if MPI.COMM_WORLD.rank == 0:
-        Path(out).mkdir(parents=True, exist_ok=True)
-        (Path(out) / "verification.md").write_text(table(checks) + "\n")
-        if runs and plot:
-            draw(runs).savefig(Path(out) / "verification.png")
-        print(table(checks))
-        print(f"results are in {out}")
+    report(out, "verification", table(checks), draw(runs) if plot and runs else None)
     return checks
 
 

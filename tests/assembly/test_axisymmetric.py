@@ -20,7 +20,6 @@ import vmdg
 from vmdg import Mode
 from vmdg.output.values import facet_scalar
 
-TWO_CELLS = pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 STRONG = vmdg.Debonding(strength=1e5, critical_gap=1e3)
 LAW = vmdg.Debonding(strength=100.0, critical_gap=0.2, friction=0.4)
 OGDEN = vmdg.Ogden(c=(6300.0, 12.0, -10.0), m=(1.3, 5.0, -2.0), kappa=16000.0)
@@ -30,37 +29,6 @@ USER = vmdg.Hyperelastic(user_energy, MATERIALS[0].parameters)
 
 
 # Measures
-
-
-@TWO_CELLS
-def test_volume_and_area_of_a_cone(comm, cell):
-    """A body force adds up to the volumes, a traction to the area, an interface to a cone's.
-
-    Exact: every integrand is a polynomial that the quadrature holds; 1e-12 is rounding.
-    """
-    scene = section(comm, cell, (2, 3), (0.5, 1.25, 2.0), height=1.5, top=1.5)
-    problem = revolved(scene, vmdg.Bonded())
-    hold(problem, scene, BOTTOM, component="y")
-    problem.body_force([0.0, -3.0])
-    problem.traction(scene.facet_tags.find(TOP), [0.0, -2.0])
-    problem.traction(scene.facet_tags.find(OUTER), [5.0, 0.0])
-    problem.loading.move(0.0)
-    problem.step.assemble_residual()
-    end = np.pi * (2.0**2 - 0.5**2)
-    everything = problem.discretization.forces.x.array.reshape(-1, 2)
-    count = problem.space.dofmap.index_map.size_local
-    total = comm.allreduce(everything[:count].sum(axis=0))
-    assert total == pytest.approx(
-        [-5.0 * 2 * np.pi * 2.0 * 1.5, 3 * end * 1.5 + 2 * end], rel=1e-12
-    )
-    slant = np.hypot(0.25, 1.5)
-    mean = problem.mean(0)
-    assert mean.area == pytest.approx(np.pi * (1.25 + 1.5) * slant, rel=1e-12)
-    state = problem.state[0]
-    assert comm.allreduce(state.weights.sum()) == pytest.approx(mean.area, rel=1e-14)
-    # int N dA over the cone: its axial part is the difference of the two discs.
-    axial = comm.allreduce(float(state.weights @ state.normal[:, 1]))
-    assert axial == pytest.approx(-np.pi * (1.5**2 - 1.25**2), rel=1e-12)
 
 
 # Homogeneous states

@@ -9,8 +9,6 @@ import pytest
 from dolfinx import fem
 from support import random_cells
 from support.checks import (
-    gather,
-    global_norm,
     tangent_error,
     tangent_matrix,
 )
@@ -82,28 +80,6 @@ def test_cooks_membrane(comm):
 
 
 # Exactness
-
-
-@BOTH_PAIRS
-def test_patch(comm, cell, kinematics):
-    """Distorted cells, two bodies of one nearly incompressible material, an affine map: exact."""
-    d = DIMENSION[cell]
-    scene = two_blocks(comm, cell, n=2, distortion=0.05)
-    H = 0.1 * np.array([[1.0, 0.5, -0.4], [0.3, -0.8, 0.2], [-0.2, 0.6, -0.1]])[:d, :d]
-    problem = joined(
-        scene, vmdg.Bonded(), [rubber(), rubber()], kinematics=kinematics, volumetric="mean"
-    )
-    surface = np.concatenate([scene.facet_tags.find(tag) for tag in (1, 2, 4, 5, 6, 7)])
-    problem.dirichlet(surface, lambda x, t: t * H @ x[:d])
-    vmdg.solve(problem, [0.5, 1.0, 1.0], vmdg.SolveOptions(relative_tolerance=1e-13))
-    exact = problem.space.tabulate_dof_coordinates()[:, :d] @ H.T
-    error = np.abs(problem.u.x.array.reshape(-1, d) - exact).max(initial=0)
-    assert comm.allreduce(error, op=MPI.MAX) < 1e-12
-    J = 1 + np.trace(H) if kinematics == "small" else np.linalg.det(np.eye(d) + H)
-    theta = gather(comm, problem.discretization.geometry.theta.x.array)
-    assert np.abs(theta - J).max() < 1e-12
-    jump = global_norm(comm, problem.state[0].opening)
-    assert jump < 1e-12
 
 
 # Tangent and energy

@@ -54,16 +54,6 @@ def test_body_force_in_space(comm, way, degree):
     assert force == pytest.approx([4.0, 0.5], rel=1e-12)
 
 
-@pytest.mark.parametrize("way", [0, 1])
-def test_traction_in_space(comm, way):
-    """Resultant and moment of t (1 + 2 x, y) on the side y = 1, x from 0 to 2."""
-    problem, scene = make(comm, "quadrilateral")
-    problem.traction(scene.facet_tags.find(5), ramp(problem)[way])
-    force, moment = resultants(problem, 2.0)
-    assert force == pytest.approx([2 * 6, 2 * 2], rel=1e-12)
-    assert moment == pytest.approx(2 * (2 - 6), rel=1e-12)
-
-
 def test_errors_at_the_door(comm):
     """Wrong shapes and test functions are refused."""
     problem, scene = make(comm)

@@ -19,16 +19,13 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx import fem
 from support import bar, killed_run
 from support.checks import by_position
-from support.problems import MATERIALS, joined, set_displacement
-from support.scenes import EVERY_CELL, box, interior_facets, two_blocks
+from support.problems import MATERIALS, joined
+from support.scenes import box, interior_facets, two_blocks
 
 import vmdg
-from vmdg.assembly.space import broken_space
 from vmdg.checkpoint.files import latest
-from vmdg.checkpoint.records import cell_records, restore_fields
 
 # Between partitions linear systems differ by rounding, which softening magnifies, and where a step
 # along the path ends by that of a difference of works; 1e-9 of the largest value is the promise,
@@ -329,32 +326,6 @@ def test_failure_leaves_the_former(comm, out, monkeypatch, fault):
     vmdg.write_checkpoint(problem, out)
     assert vmdg.read_checkpoint(problem, out).rows == []
     assert (problem.u.x.array == 1e-3).all()
-
-
-@EVERY_CELL
-@pytest.mark.parametrize("degree", [1, 3])
-def test_every_element(comm, cell, degree):
-    """Values go to their nodes on both sides of a cut, in any partition."""
-
-    def field(where: MPI.Comm) -> fem.Function:
-        mesh, tags, _ = two_blocks(where, cell, n=2)
-        cut = interior_facets(mesh, lambda x: np.isclose(x[0], 1))
-        u = fem.Function(broken_space(mesh, degree, cut))
-        set_displacement(u, tags, lambda x, tag: tag * np.sin(x[: mesh.geometry.dim]))
-        return u
-
-    for writers, readers in ways(comm):
-        some, records = first_ranks(comm, writers), np.zeros(0)
-        if some is not None:
-            u = field(some)
-            fields = {"u": u.x.array, "forces": u.x.array}
-            records = cell_records(u.function_space, fields, u.function_space)
-        records = np.concatenate([part for part in comm.allgather(records) if len(part)])
-        some = first_ranks(comm, readers)
-        if some is not None:
-            u = field(some)
-            for restored in restore_fields(u.function_space, records, u.function_space).values():
-                assert np.abs(restored - u.x.array).max(initial=0.0) < 1e-14
 
 
 # Killed runs

@@ -99,21 +99,6 @@ def test_energy_is_that_of_the_plies(comm, rows):
     assert found == pytest.approx(expected, rel=1e-10)
 
 
-def test_a_row_for_each_ply(comm):
-    """Plies that alternate, one to a layer of cells, are those of `Orthotropic`."""
-    angles, t = (45.0, -45.0, 0.0, 90.0), sum(THICKNESS) / 4
-
-    def angle(x):
-        return np.array(angles)[np.floor(x[2] % (4 * t) / t).astype(int)]
-
-    one = vmdg.Orthotropic(**PLY, angle=angle)
-    many = [vmdg.Laminate([ply(a) for a in angles], t, z, rows=4) for z in (-4 * t, 0.0)]
-    for kinematics in ("small", "finite"):
-        problems = [bent(comm, pair, 4, kinematics) for pair in ((one, one), many)]
-        stored, expected = (problem.energy().stored for problem in problems)
-        assert stored == pytest.approx(expected, rel=1e-10)
-
-
 MISTAKES = [
     ({"plies": []}, ValueError, "0 plies"),
     ({"plies": [vmdg.NeoHookean(E=1, nu=0.3)]}, TypeError, "must be Ortho"),

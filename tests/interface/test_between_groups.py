@@ -8,7 +8,6 @@ from support.checks import gather
 from support.scenes import everywhere, tag_cells, unit_box
 
 import vmdg
-from vmdg.base.parallel import global_sum
 from vmdg.meshes import polycrystal
 
 BODY = vmdg.NeoHookean(E=1000.0, nu=0.3)
@@ -34,26 +33,6 @@ def problem_of(mesh, tags, interfaces) -> vmdg.Problem:
     problem.dirichlet(left, lambda t: (-0.2 * t, 0.2 * t, *pull))
     problem.dirichlet(right, lambda t: (0.2 * t, 0.2 * t, *pull))
     return problem
-
-
-@pytest.mark.parametrize("cell", ["triangle", pytest.param("tetrahedron", marks=pytest.mark.long)])
-def test_three_bodies_meet(comm, cell):
-    """One interface for all boundaries gives what one for each gives, to separation."""
-    mesh, tags = three_bodies(comm, cell)
-    results = []
-    for places in (["all"], [(1, 2), (1, 3), (2, 3)]):
-        interfaces = [vmdg.Interface(between=place, law=BOND) for place in places]
-        problem = problem_of(mesh, tags, interfaces)
-        vmdg.solve(problem, [0.05, 0.5, 1.0], vmdg.SolveOptions(relative_tolerance=1e-10))
-        length = sum(global_sum(comm, state.weights.sum()) for state in problem.state)
-        nodes = problem.space.dofmap.index_map.size_global
-        results.append((length, nodes, problem.energy().dissipated))
-        # Broken: the energy of all of the boundaries, and nothing holds.
-        assert problem.debonded() == pytest.approx(1.0)
-        assert np.abs(problem.reaction(lambda x: np.isclose(x[1], 0))).max() < 1e-6
-    assert results[0] == pytest.approx(results[1], rel=1e-6)
-    assert results[0][0] == pytest.approx(1.5)
-    assert results[0][2] == pytest.approx(1.5 * BOND.strength * BOND.critical_gap / 2, rel=1e-3)
 
 
 def test_classes_of_boundaries(comm):

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import laws_scalar as oracle
-from support.points import follow, total
 
 import vmdg.laws
 from vmdg.laws import (
@@ -89,10 +88,6 @@ def norm(a):
 
 def tangential(a, normal):
     return a - dot(a, normal)[:, None] * normal
-
-
-def works(update):
-    return update.damage_work + update.friction_work + update.viscous_work
 
 
 # --- Kuhn-Tucker, irreversibility, contact --------------------------------------------------------
@@ -178,24 +173,6 @@ def test_overstress_ends_with_the_bond(make, viscosity, worn, angle):
 
 
 # --- energy ---------------------------------------------------------------------------------------
-
-
-@EVERY_EXTRINSIC
-@pytest.mark.parametrize("pressure", [0.0, 30.0, 150.0])
-def test_works_do_not_depend_on_the_number_of_steps(make, pressure):
-    """Sliding under constant pressure, in 1 step and in 137: the same three works."""
-    law = make(0.475)
-    r = 6.0 * law.softening_modulus
-    normal = np.array([[0.0, 1.0]])
-
-    def slide(steps):
-        slips = np.linspace(0.0, 0.37, steps + 1)[1:]
-        updates = follow(law, [np.array([[r * slip, -pressure]]) for slip in slips], normal, r)
-        end = updates[-1]
-        spent = [total(updates, name) for name in ("damage_work", "friction_work")]
-        return np.array([end.gap[0, 0], end.softening[0], *spent])
-
-    np.testing.assert_allclose(slide(1), slide(137), rtol=1e-9, atol=1e-10)
 
 
 @EVERY_LAW

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.points import follow, total
 
-from vmdg.laws import ExponentialDebonding, IntrinsicExponential, Mode
+from vmdg.laws import IntrinsicExponential
 
 SETTINGS = settings(max_examples=50, deadline=None, derandomize=True)
 
@@ -18,31 +17,7 @@ DELTA_0 = ENERGY / (math.e * STRENGTH)
 STIFFNESS = ENERGY / DELTA_0**2
 
 
-def pull(law, openings, direction, ratio=3.0):
-    """Prescribed openings along one direction: updates of one point, N = first axis."""
-    direction = np.asarray(direction, dtype=float)[None, :]
-    r = ratio * law.softening_modulus
-    return follow(law, r * openings[:, None, None] * direction, np.array([[1.0, 0.0]]), r)
-
-
 # --- rigid ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("steps", [1, 7, 200])
-def test_rigid_curve_does_not_depend_on_steps_and_spends_the_energy(steps):
-    law = ExponentialDebonding(STRENGTH, ENERGY)
-    r = 3.0 * law.softening_modulus
-    zeta = 0.03
-    traction = STRENGTH * math.exp(-zeta * STRENGTH / ENERGY)
-    updates = pull(law, np.linspace(0.0, zeta + traction / r, steps + 1)[1:], (1.0, 0.0))
-    np.testing.assert_allclose(updates[-1].gap, [[zeta, 0.0]], rtol=1e-12)
-    np.testing.assert_allclose(updates[-1].traction, [[traction, 0.0]], rtol=1e-10)
-    spent = ENERGY * (1.0 - traction / STRENGTH)
-    assert total(updates) == pytest.approx(spent, rel=1e-12)
-    far = pull(law, np.ones(1), (1.0, 0.0))
-    assert total(far) == pytest.approx(ENERGY, rel=1e-12)
-    assert far[0].mode[0] == Mode.OPEN
-    assert far[0].softening[0] == STRENGTH
 
 
 # --- intrinsic ------------------------------------------------------------------------------------

@@ -82,12 +82,3 @@ def test_proportional_opening_spends_what_the_criterion_says(
 def test_wrong_criteria_are_refused(options, words):
     with pytest.raises(ValueError, match=words):
         MixedModeDebonding(P_N, P_S, G_N, G_S, **options)
-
-
-def test_symmetric_only_with_equal_energies():
-    assert MixedModeDebonding(40.0, 60.0, 0.5, 0.5).symmetric
-    assert not LAW.symmetric
-    assert not MixedModeDebonding(40.0, 60.0, 0.5, 0.5, friction=0.1).symmetric
-    equal = (40.0, 60.0, 0.5, 0.5)
-    assert MixedModeDebonding(*equal, criterion="BK", exponent=2.0).symmetric
-    assert not MixedModeDebonding(*equal, criterion="power", exponent=2.0).symmetric

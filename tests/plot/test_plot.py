@@ -236,26 +236,6 @@ def test_stress_of_bodies(comm):
         plot.stress(problem, "rr")
 
 
-def test_scale_of_colours(comm, coloured):
-    """Pointed where values lie beyond it; around the only value there is."""
-    problem = bonded(comm)
-    with_opening(problem, lambda x: np.stack([0.01 * x[0], 0 * x[0]]))
-    plot.stress(problem, "xx")
-    low, high = coloured[-1].get_clim()
-    middle = (low + high) / 2
-    for limits, ends in {
-        (low, high): "neither",
-        (low, middle): "max",
-        (middle, high): "min",
-        (0.9 * middle, middle): "both",
-    }.items():
-        plot.stress(problem, "xx", limits=limits)
-        if comm.rank == 0:
-            assert coloured[-1].colorbar.extend == ends
-    plot.stress(problem, "xy")
-    assert coloured[-1].get_clim() == (-0.1, 0.1)
-
-
 def test_nodal_means(comm):
     """Of a linear field sampled in the cells: exact inside, jumps at the interface stay."""
     problem = bonded(comm, n=4)

@@ -12,8 +12,6 @@ from support.problems import rotation
 from vmdg.points.pair_points import rule_with_corners
 from vmdg.points.segments import FlatFacets, clipped, cut, inside, passed
 
-RATIOS = [(3, 4), (7, 5), (4, 13), (2, 20)]
-
 
 def line(count: int, up: bool, length: float = 1.0, slope: float = 0.0) -> FlatFacets:
     """Facets of a straight line whose body is below or above it."""
@@ -38,30 +36,6 @@ def plane(count: int, up: bool, triangles: bool, turn: float = 0.0) -> FlatFacet
     corners = corners @ np.array([[c, s], [-s, c]])
     corners = np.concatenate([corners, np.zeros((*corners.shape[:2], 1))], axis=2)
     return FlatFacets.of(corners, corners.mean(axis=1) + [0.0, 0.0, 1.0 if up else -1.0])
-
-
-@pytest.mark.parametrize("ratio", RATIOS)
-@pytest.mark.parametrize("slope", [0.0, 0.3])
-def test_lines(ratio, slope):
-    """Every facet of both sides is covered once."""
-    first, second = line(ratio[0], False, slope=slope), line(ratio[1], True, slope=slope)
-    found = cut(first, second)
-    # Ends of facets that coincide are counted once.
-    assert len(found.first) == ratio[0] + ratio[1] - np.gcd(*ratio)
-    for one, rows in ((first, found.first), (second, found.second)):
-        lengths = np.bincount(rows, found.measures)
-        assert np.abs(lengths - one.measures).max() < 3e-16
-
-
-@pytest.mark.parametrize("ratio", RATIOS[:3])
-@pytest.mark.parametrize("kinds", [(True, True), (False, False), (True, False), (False, True)])
-def test_planes(ratio, kinds):
-    """Triangles and quadrilaterals on either side: areas of the facets add up."""
-    first, second = plane(ratio[0], False, kinds[0]), plane(ratio[1], True, kinds[1])
-    found = cut(first, second)
-    for one, rows in ((first, found.first), (second, found.second)):
-        areas = np.bincount(rows, found.measures)
-        assert np.abs(areas - one.measures).max() < 3e-16
 
 
 @pytest.mark.parametrize("turn", [0.1, 0.7])

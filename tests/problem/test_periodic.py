@@ -17,6 +17,7 @@ from support.scenes import CELLS_BY_TURNS, DIMENSION, box
 
 import vmdg
 from vmdg.checks.model import check_model
+from vmdg.checks.supports import loose_parts
 
 MODULI = {1: (1000.0, 0.3), 2: (5000.0, 0.2), 3: (300.0, 0.4)}
 #: Tags of layers of equal height from the bottom; the first and the last one are two halves.
@@ -263,6 +264,15 @@ def test_cell_that_comes_apart(comm):
     assert problem.debonded() == 1.0
     assert means(problem).stress == pytest.approx(np.zeros((2, 2)), abs=1e-9)
     assert means(problem).strain == pytest.approx(np.diag([0, 0.01]), abs=1e-12)
+
+
+@pytest.mark.parametrize(("cell", "along"), [("quadrilateral", "xy"), ("tetrahedron", "xyz")])
+def test_a_layer_cannot_turn(comm, cell, along):
+    """It goes on beyond the cell, so that nothing but a translation is left to it; one is held."""
+    drive = vmdg.Periodic(strain={"yy": lambda t: 0.01 * t})
+    (loose,) = loose_parts(laminate(comm, cell, 2, periodic=drive), [])
+    assert loose.tags == [2]
+    assert loose.motions == ", ".join(f"translation along {axis}" for axis in along)
 
 
 @pytest.mark.parametrize("measure", ["strain", "stress"])

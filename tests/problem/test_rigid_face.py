@@ -84,28 +84,6 @@ def test_composite_beam(comm, way):
     assert energy.external == pytest.approx(force * (strain + curvature * x) / 2, rel=1e-8)
 
 
-def test_plate_on_a_foundation(comm):
-    """A plate and the loose body on it: u = F/k A, rotations by the moments of the area."""
-    scene = two_blocks(comm, "hexahedron", 2)
-    problem = joined(scene, vmdg.Bonded(), kinematics="small")
-    floor = scene.facet_tags.find(BOTTOM)
-    normal, tangential, force = 80.0, 30.0, np.array([3.0, -20.0, 5.0])
-    problem.spring(floor, (normal, tangential))
-    at = np.array([1.4, 0.0, 0.2])
-    plate = problem.rigid_face(floor, tilts=True, at=at, force=force)
-    vmdg.solve(problem, [1.0], PRECISE)
-    # Area 2 x 1 about its centre (1, 0, .5).
-    arm, A = at - [1, 0, 0.5], 2.0
-    I_x, I_z = 2 * 1 / 12, 2**3 / 12
-    moment = np.cross(arm, force)
-    turn = moment / [normal * I_x, tangential * (I_x + I_z), normal * I_z]
-    assert plate.rotation() == pytest.approx(turn, rel=1e-9)
-    moved = force / [tangential * A, normal * A, tangential * A] + np.cross(turn, arm)
-    assert plate.displacement() == pytest.approx(moved, rel=1e-9)
-    state = problem.state[0]
-    assert state.traction == pytest.approx(np.zeros_like(state.traction), abs=1e-9)
-
-
 @pytest.mark.parametrize("component", ["x", None])
 def test_quadratic(comm, component):
     """At finite strain a plate that tilts or is glued keeps Newton's convergence, and its shape."""

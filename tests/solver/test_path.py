@@ -99,27 +99,6 @@ def test_given_load_factors(comm):
     assert (history["load"][: places[3]] < 0.039).all()
 
 
-@pytest.mark.parametrize(
-    ("critical_gap", "kinematics", "shares"),
-    [
-        (0.041, "finite", (1.5, 2, 4)),
-        (0.2, "finite", (1, 1.01, 2)),
-        (0.02, "small", (1, 1.01, 2)),
-        (0.02, "finite", (0.99, 1.2, 3)),
-        (0.02, "small", (50, 100)),
-        (0.2, "finite", (50, 100)),
-    ],
-)
-def test_steps_to_separation_and_beyond(comm, kinematics, critical_gap, shares):
-    """A first step that ends at, next to or far beyond the separation, and those after it."""
-    loads = critical_gap * np.array(shares)
-    history = traced(bar.build(comm, critical_gap, kinematics), loads, unstable="jump").history
-    assert set(loads) <= set(history["load"])
-    assert history["gap"][-1] == pytest.approx(loads[-1], rel=1e-6)
-    assert abs(history["traction"][-1]) < 1e-6 * STRENGTH
-    assert history["damage"][-1] == pytest.approx(STRENGTH * critical_gap / 2, rel=1e-8)
-
-
 def test_energy_is_not_known_beyond_rounding(comm):
     """A bond so weak that rounding of what the blocks store is as much as it takes to break."""
     problem = bar.with_law(comm, vmdg.Debonding(2.4e-4, 1.1e-7))

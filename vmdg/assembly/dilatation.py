@@ -50,7 +50,6 @@ class Dilatation:
         self._products: list[PETSc.Mat | None] = [None, None, None]
 
     def compile(self) -> None:
-        """Compile all kernels now, or load them from the cache; collective."""
         _ = self._ratio, self._pressures, self._volume, self._forms
 
     def couple(self) -> None:
@@ -73,7 +72,6 @@ class Dilatation:
 
     @cached_property
     def _volume(self) -> fem.Function:
-        """Volume V of every cell."""
         weak, result = self._weak_form, fem.Function(self._theta.function_space)
         form = weak.compile(weak.over_bodies(lambda body, F: self._test), "dilatation")
         fem.assemble_vector(result.x.array, form)
@@ -129,11 +127,7 @@ class Dilatation:
         matrix: PETSc.Mat,
         parts: Sequence[tuple[ActiveInterface, Array, FluxChange | None]],
     ) -> None:
-        """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective.
-
-        Args:
-            parts: The interfaces, with D and the change of :func:`.point_matrices.add_fields`.
-        """
+        """Add A_ut.D + D^T.(A_tu + A_tt.D) to d2Pi/du2 + p d2J/du2; collective."""
         u, theta = FacetJets.displacement, FacetJets.dilatation
         fields = None, (u, theta), (theta, u), (theta, theta)
         blocks = self._blocks

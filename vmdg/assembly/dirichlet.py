@@ -87,22 +87,15 @@ def component_index(component: int | str | None, d: int, what: str) -> int | Non
 
 @dataclass(frozen=True)
 class _Condition:
-    """Prescribed components of some nodes.
+    """Prescribed components of some nodes."""
 
-    Attributes:
-        dofs: Component-wise numbers (n, components).
-        base: Displacement to which the value is added (n, components) [mm].
-        points: Positions of the nodes (3, n).
-        takes_points: Whether the value is f(x, t).
-    """
-
-    dofs: NDArray[np.int32]
-    base: NDArray[np.float64]
+    dofs: NDArray[np.int32]  # Component-wise numbers (n, components)
+    base: NDArray[np.float64]  # Displacement to which the value is added (n, components) [mm]
     value: Value
-    points: NDArray[np.float64]
+    points: NDArray[np.float64]  # Positions of the nodes (3, n)
     replaces: bool
     what: str
-    takes_points: bool
+    takes_points: bool  # Whether the value is f(x, t)
 
     def at(self, t: float) -> NDArray[np.float64]:
         """Prescribed values at ``t``, as :attr:`dofs`."""
@@ -146,8 +139,6 @@ class DirichletConditions:
         """Prescribe nodal dofs (block numbers).
 
         Args:
-            dofs: The dofs (n,).
-            component: A component, or None for all.
             base: Displacement to which the value is added (n, d) [mm]; default zero.
         """
         if global_sum(self._space.mesh.comm, len(dofs)) == 0:
@@ -222,7 +213,6 @@ class DirichletConditions:
         return self.dofs[added]
 
     def parts(self, t: float) -> Iterator[Part]:
-        """Values of every condition at load factor ``t``."""
         for condition in self._conditions:
             yield Part(condition.what, condition.at(t), condition.points)
 

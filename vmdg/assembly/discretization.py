@@ -71,7 +71,6 @@ class Discretization:
     """The broken space on which the displacement lives, its active interfaces, and the assembly.
 
     Args:
-        lattice: Lattice of a periodic cell; None for other bodies.
         symbolic: Integrate the interface terms of (27) over interior facets in UFL where that form
             exists, see :func:`.is_symbolic`; elsewhere, and if False, they are sums over points.
 
@@ -237,11 +236,8 @@ class Discretization:
     # Assembly
 
     def update_stabilization(self) -> float:
-        """Evaluate tau_s and delta of every interface at the current displacement; collective.
-
-        Returns:
-            The resulting change of the energy (30) on this rank [N mm].
-        """
+        """Evaluate tau_s and delta of every interface at the current displacement; the resulting
+        change of the energy (30) on this rank [N mm]; collective."""
         self.update_means(pressure=True)
         with timer("stabilization"):
             scaled = zip(self.active.values(), self._scaled_stabilization(), strict=True)
@@ -252,20 +248,14 @@ class Discretization:
         return self.stabilizers.for_step([active.floor for active in self.active.values()])
 
     def needed_penalties(self) -> list[NDArray[np.float64]]:
-        """r of every interface for a step from the current displacement (nf,); collective.
-
-        [MPa/mm]; the forms are unchanged.
-        """
+        """r of every interface for a step from the current displacement (nf,) [MPa/mm];
+        collective."""
         with timer("stabilization"):
             return [stabilization.norm for stabilization in self._scaled_stabilization()]
 
     def stabilization_suffices(self) -> bool:
         """Whether tau_s of the step satisfies coercivity at the current displacement, on this rank;
-        collective.
-
-        At finite strain a long step may end in a spurious equilibrium that exists only because
-        tau_s is too small there.
-        """
+        collective."""
         with timer("stabilization"):
             applied = [active.stabilization for active in self.active.values()]
             return self.stabilizers.suffice(applied)
@@ -342,12 +332,8 @@ class Discretization:
         return forces.array[: self.owned]
 
     def _add_interfaces(self, vector: NDArray[np.float64]) -> float:
-        """Add the forces of all interfaces, at the values of their points, to a vector over local
-        dofs, before ghosts are added to owners [N].
-
-        Returns:
-            Force on F_33, on this rank.
-        """
+        """Add the forces of all interfaces to a vector over local dofs, before ghosts are added to
+        owners [N]; the force on F_33, on this rank."""
         axial = 0.0
         for active, on_facets in zip(self.active.values(), self.weak_form.on_facets, strict=True):
             if active.stabilization is None:
@@ -398,12 +384,10 @@ class Discretization:
     def uniform_forces(
         self, gradient: NDArray[np.float64], adjoint: bool = False
     ) -> NDArray[np.float64]:
-        """Tangent times a uniform gradient E: forces on w and on the means; collective.
+        """Tangent times a uniform gradient E: forces on w and on the means, owned dofs [N];
+        collective.
 
         At the state of the last :meth:`assemble_tangent`, whose matrix contains w only.
-
-        Returns:
-            Owned dofs [N].
         """
         E, forms = self._uniform[0], self._uniform[1 + adjoint]
         E.value[:] = gradient
@@ -474,11 +458,8 @@ class Discretization:
                 self._dilatation.add_to(matrix, parts)
 
     def stored_energy(self, anew: bool = False) -> NDArray[np.float64]:
-        """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm].
-
-        Args:
-            anew: Eigenstrains have changed since the last residual.
-        """
+        """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm];
+        ``anew`` if eigenstrains have changed since the last residual."""
         self.update_means()
         stored = np.zeros(3)
         stored[0] = fem.assemble_scalar(self._energy_form)
@@ -544,12 +525,8 @@ def _take(
 def carried(
     values: NDArray[np.float64], to: Discretization, of: Discretization
 ) -> NDArray[np.float64]:
-    """A field in a discretization with more open facets, with the same values in every cell;
-    collective.
-
-    Returns:
-        Values at owned dofs of ``to``.
-    """
+    """A field in a discretization with more open facets, with the same values in every cell, at
+    owned dofs of ``to``; collective."""
     mine, theirs = fem.Function(to.space), fem.Function(of.space)
     theirs.x.array[: of.owned] = values
     theirs.x.scatter_forward()

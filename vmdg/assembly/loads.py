@@ -26,20 +26,15 @@ from .values import Part, Value, check_resultant, check_shape, first_value, take
 
 @dataclass(frozen=True)
 class _Load:
-    """A load on some entities.
+    """A load on some entities."""
 
-    Attributes:
-        entities: Owned cells, or flat rows (cell, facet in it) of owned boundary facets.
-        density: Integrand against the test function, UFL (d,).
-        points: If ``value`` is f(x, t), the nodes (3, n) at which it is evaluated, otherwise None.
-        dofs: Nodes of ``density`` that belong to ``points``.
-    """
-
+    # Owned cells, or flat rows (cell, facet in it) of owned boundary facets
     entities: NDArray[np.int32]
-    density: Expr
+    density: Expr  # Integrand against the test function, UFL (d,)
     value: Value | Expr
+    # If ``value`` is f(x, t), the nodes (3, n) at which it is evaluated, otherwise None
     points: NDArray[np.float64] | None = None
-    dofs: NDArray[np.int32] | None = None
+    dofs: NDArray[np.int32] | None = None  # Nodes of ``density`` that belong to ``points``
     what: str = ""
 
     def update(self, t: float) -> None:
@@ -57,25 +52,17 @@ class _Load:
 
 @dataclass(frozen=True)
 class _Force:
-    """A force at nodes.
+    """A force at nodes."""
 
-    Attributes:
-        dofs: Component-wise numbers of owned nodes (n, components).
-        spread: Forces on them by the components of the value (n, components, components).
-    """
-
-    dofs: NDArray[np.int32]
+    dofs: NDArray[np.int32]  # Component-wise numbers of owned nodes (n, components)
+    # Forces on them by the components of the value (n, components, components)
     spread: NDArray[np.float64]
     value: Value
     what: str
 
 
 class DeadLoads:
-    """Tractions per reference area, body forces per reference volume, (29), and forces at points.
-
-    Args:
-        geometry: Geometry, whose weight is a factor of all loads.
-    """
+    """Tractions per reference area, body forces per volume, (29), and forces at points."""
 
     kind = "a dead load"
 

@@ -39,11 +39,6 @@ Array = NDArray[np.float64]
 class MeanSpace:
     """The space of a displacement and of nodes outside all cells, whose displacements are means.
 
-    Args:
-        broken: Space of the whole displacement, in which opposite faces are independent.
-        lattice: Lattice of a periodic cell; None for a body with a surface, which has no mean
-            gradient.
-
     Attributes:
         nodes: Node of ``space`` for every local node of ``broken``.
         length: l [mm].
@@ -133,7 +128,6 @@ class MeanSpace:
 
     @property
     def owned_rows(self) -> NDArray[np.int32]:
-        """Those of :attr:`rows` that this rank owns, all or none."""
         return self.rows if self._comm.rank == 0 else self.rows[:0]
 
     def unit_vectors(self, dofs: NDArray[np.int32]) -> Array:
@@ -199,7 +193,6 @@ class MeanSpace:
         """Add nodal forces f on ``broken``: on w their sums, on q_j sum_n f_n X_nj / l.
 
         Args:
-            forces: This rank's, over its local dofs [N].
             axial: This rank's force on F_33 [N mm].
             vector: Over local dofs of ``space``, before ghosts are added to owners.
         """

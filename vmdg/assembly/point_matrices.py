@@ -101,7 +101,6 @@ def add_fields(
 
     Args:
         matrix: The matrix, with rows of test functions and columns of trial functions.
-        D: With dA, of its points (nq, jet, jet).
         change: What the flux of bodies at points changes, if there are any.
     """
     points, jets = active.quadrature.points_of_facet, active.point_tangent.jets
@@ -123,12 +122,7 @@ def add_fields(
 
 
 def uniform_flux(active: ActiveInterface, D: Array, gradient: Array) -> Array:
-    """D.j(E.X) dA at the points of an interface (nq, jet), for a displacement without jump.
-
-    Args:
-        D: With dA, of its points (nq, jet, jet).
-        gradient: E (n, n).
-    """
+    """D.j(E.X) dA at the points of an interface (nq, jet), for a displacement without jump."""
     return D @ active.point_tangent.jets.of_gradient(gradient)
 
 
@@ -139,7 +133,6 @@ def add_uniform(
 
     Args:
         dofs: Nodes of the cells in it (cells, nodes of a cell).
-        flux: With dA, at its points (nq, jet).
     """
     active.point_tangent.add_forces(flux, dofs, vector)
 

@@ -34,24 +34,15 @@ UNTOLD = 1e-10
 
 @dataclass(frozen=True)
 class RigidFace:
-    """A rigid face in a given space.
+    """A rigid face in a given space."""
 
-    Attributes:
-        component: The rigid component; None for all.
-        dofs: Component-wise numbers of owned nodes (n, c).
-        T: Columns of unit length (n, c, k).
-        C: Motions in terms of columns (motions, k) [mm or rad].
-        place: Displacement of the given point in terms of columns (c, k).
-        value: Prescribed displacement of this point; None if it is free.
-    """
-
-    component: int | None
+    component: int | None  # The rigid component; None for all
     motions: list[int]
-    dofs: NDArray[np.int32]
-    T: Array
-    C: Array
-    place: Array
-    value: Value | None
+    dofs: NDArray[np.int32]  # Component-wise numbers of owned nodes (n, c)
+    T: Array  # Columns of unit length (n, c, k)
+    C: Array  # Motions in terms of columns (motions, k) [mm or rad]
+    place: Array  # Displacement of the given point in terms of columns (c, k)
+    value: Value | None  # Prescribed displacement of this point; None if it is free
 
     @property
     def free(self) -> Array:
@@ -104,7 +95,6 @@ class RigidFaces:
         """Add a rigid face; collective.
 
         Args:
-            component: The rigid component of the displacement; None for all.
             at: Point (d,) whose displacement is prescribed or returned; None for any.
             value: Prescribed displacement of the point; None if it is free.
         """
@@ -194,7 +184,6 @@ class RigidFaces:
         return np.concatenate([np.zeros(0), *given])
 
     def parts(self, t: float) -> Iterator[Part]:
-        """Prescribed displacement of every face at load factor ``t``."""
         for face in self.faces:
             node = face.dofs[:1].ravel()[:1] // self._d
             value = np.zeros(1) if face.value is None else np.atleast_1d(value_at(face.value, t))

@@ -28,9 +28,6 @@ def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.Functio
     In parallel a component is named by its smallest (global cell, dof) and belongs to the rank that
     owns this cell; names are exchanged between owners and ghosts of cells until nothing changes.
 
-    Args:
-        cut: Local indices of the interior facets to cut, ghost facets included.
-
     Returns:
         A space with the dofs of the continuous one and the duplicates on the cut facets.
     """
@@ -54,15 +51,10 @@ def renumbered(
     size_local: int,
     more: NDArray[np.int64] | None = None,
 ) -> tuple[fem.FunctionSpace, NDArray[np.int32]]:
-    """A space with another numbering of its dofs; collective.
+    """A space with other global numbers of the dofs of every local cell (cells, dofs of a cell),
+    and the local numbers in it of ``more``, dofs outside all cells, on every rank; collective.
 
-    Args:
-        numbers: New global number of every dof of every local cell (cells, dofs of a cell).
-        size_local: Number of dofs this rank owns, numbered consecutively, rank by rank.
-        more: New global numbers of dofs outside all cells, present on every rank.
-
-    Returns:
-        The space, and the local numbers in it of ``more``.
+    This rank owns ``size_local`` dofs, numbered consecutively, rank by rank.
     """
     more = np.zeros(0, dtype=np.int64) if more is None else more
     every = np.concatenate([numbers.ravel(), more])
@@ -156,9 +148,6 @@ def node_pieces(
     """Name of the connected piece of every local node: its last node over all ranks; collective.
 
     A piece is a set of cells connected by nodes of the space.
-
-    Args:
-        joined: Additional pairs of local cells (n, 2) that belong to one piece.
     """
     dofs = space.dofmap.list
     first = dofs[:, 0]

@@ -20,9 +20,6 @@ class CauchyStress:
 
     In axisymmetry the order is r, z, hoop; in plane strain sigma_zz = (dW/dF_33) / J is the last
     entry; in plane stress it is 0, and J includes the thickness stretch.
-
-    Args:
-        discretization: Discretization of the problem; its mesh and degree may not change.
     """
 
     def __init__(self, discretization: Discretization):

@@ -89,22 +89,15 @@ class _FluidTerm:
 
 @dataclass(frozen=True)
 class _Pressure:
-    """A pressure on one part of the surface.
-
-    Attributes:
-        points: Evaluation points (3, n) if it is f(x, t), otherwise None.
-        dofs: Dofs of ``function`` at the points.
-        places: Positions of the dofs (3, n).
-        fluid: Fluid between crack faces; None on the boundary.
-    """
+    """A pressure on one part of the surface."""
 
     term: _Term | _FluidTerm
     function: fem.Function
     value: Value
-    points: Array | None
-    dofs: NDArray[np.int32]
-    places: Array
-    fluid: Fluid | None = None
+    points: Array | None  # Evaluation points (3, n) if it is f(x, t), otherwise None
+    dofs: NDArray[np.int32]  # Dofs of ``function`` at the points
+    places: Array  # Positions of the dofs (3, n)
+    fluid: Fluid | None = None  # Fluid between crack faces; None on the boundary
 
     def at(self, t: float) -> Array:
         """p at all points at load factor ``t``, wherever the fluid is."""
@@ -146,7 +139,6 @@ class Surface:
     # User input
 
     def add_pressure(self, facets: NDArray[np.int32], value: Value) -> None:
-        """Pressure [MPa] on boundary facets."""
         if self._nodes is None:
             degree = self._space.ufl_element().degree
             self._nodes = fem.functionspace(self._mesh, ("Lagrange", degree))
@@ -205,7 +197,6 @@ class Surface:
         self._pressures.append(_Pressure(term, p, value, local, dofs, points, fluid))
 
     def add_spring(self, facets: NDArray[np.int32], stiffness: ArrayLike) -> None:
-        """Springs [MPa/mm] on boundary facets."""
         K, eta = self._foundation(np.asarray(stiffness)), ufl.TestFunction(self._space)
         density = surface.spring_force(eta, K, self._u)
         self._springs.append(self._term(density, self._ds(facets)))
@@ -275,7 +266,6 @@ class Surface:
         return np.concatenate([np.zeros(0), *(pressure.at(t) for pressure in self._pressures)])
 
     def parts(self, t: float) -> Iterator[Part]:
-        """Values of every pressure at load factor ``t``, wherever its fluid is."""
         for pressure in self._pressures:
             yield Part("pressure", pressure.at(t), pressure.places)
 

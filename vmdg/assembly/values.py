@@ -18,15 +18,11 @@ from ..base.words import as_numbers, at_points
 
 
 class Part(NamedTuple):
-    """Values of one user-defined load or support at a load factor, on this rank.
-
-    Attributes:
-        places: Positions (3, n), or a single one for all; n may be 0.
-    """
+    """Values of one user-defined load or support at a load factor, on this rank."""
 
     what: str
     values: NDArray[np.float64]
-    places: NDArray[np.float64]
+    places: NDArray[np.float64]  # Positions (3, n), or a single one for all; n may be 0
 
 
 class Load(Protocol):
@@ -65,7 +61,6 @@ def takes_points(value: Value, what: str) -> bool:
 
 
 def _arguments(function: Callable[..., Any]) -> list[str]:
-    """Names of the positional arguments without default."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except ValueError:  # functions in C, like those of numpy
@@ -126,7 +121,6 @@ def check_resultant(
 def check_shape(
     comm: MPI.Comm, shape: tuple[int, ...], allowed: Sequence[tuple[int, ...]], what: str
 ) -> None:
-    """Check the shape of a value; collective."""
     message = None
     if shape not in allowed:
         expected = " or ".join(map(str, allowed))
@@ -137,11 +131,7 @@ def check_shape(
 def first_value(
     comm: MPI.Comm, value: Value, what: str, points: NDArray[np.float64] | None = None
 ) -> NDArray:
-    """Value at load factor 0, to check user input; collective.
-
-    Args:
-        comm: Communicator; at the points of one rank a function may fail, or return invalid values.
-    """
+    """Value at load factor 0, to check user input; collective."""
     message, result = None, np.zeros(0)
     try:
         result = value_at(value, 0.0, points)

@@ -24,11 +24,7 @@ Marks = NDArray[np.bool_]
 
 
 class WeakForm:
-    """The forms for a displacement with given open facets.
-
-    Args:
-        symbolic: Integrate the terms of interfaces over interior facets where that form exists.
-    """
+    """The forms for a displacement with given open facets."""
 
     def __init__(
         self,
@@ -106,7 +102,6 @@ class WeakForm:
         return sum(terms, start=ufl.Form([]))
 
     def compile(self, form: ufl.Form, name: str = "form", options: dict | None = None) -> fem.Form:
-        """Compile a form; collective."""
         if options is None:
             options = VECTORIZED if self._mesh.topology.dim == 3 else JIT_OPTIONS
         return compile_form(form, self._mesh.comm, options, name)

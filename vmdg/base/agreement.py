@@ -80,7 +80,6 @@ def same_call(
     It detects ranks that make a different checked call at the same place.
 
     Args:
-        given: Its arguments as text, those that must be equal on all ranks.
         reminder: Seconds that a rank waits for the others before it prints a reminder.
     """
     if comm.size == 1:
@@ -124,11 +123,7 @@ def _near(text: str, other: str) -> str:
 
 
 def same_arguments(comm: MPI.Comm, call: str, **given: Any) -> None:
-    """Refuse a collective call that only some ranks make, or with different arguments; collective.
-
-    Args:
-        given: Its arguments, those that must be equal on all ranks, see :func:`as_text`.
-    """
+    """Refuse a call that only some ranks make, or with different arguments; collective."""
     if comm.size > 1:
         same_call(comm, call, [f"{name} = {as_text(value)}" for name, value in given.items()])
 

@@ -11,11 +11,7 @@ from scipy.sparse.csgraph import connected_components
 def components(
     first: NDArray[np.integer], second: NDArray[np.integer], count: int
 ) -> NDArray[np.int32]:
-    """Number of the connected component of every node of a graph (count,).
-
-    Args:
-        first, second: Nodes that every edge joins (edges,), from 0.
-    """
+    """Number of the connected component of every node of a graph (count,)."""
     ones = np.ones(len(first), dtype=np.int8)
     graph = coo_array((ones, (first, second)), shape=(count, count))
     return connected_components(graph, directed=False)[1]

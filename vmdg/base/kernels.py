@@ -100,14 +100,11 @@ _VECTORS = Path(__file__).with_name("vectors.h")
 
 @dataclass(frozen=True)
 class Kernel:
-    """A compiled form, expression or C file.
-
-    Attributes:
-        seconds: Time to compile it, or to load it from the cache [s].
-    """
+    """A compiled form, expression or C file; ``seconds`` to compile it or load it from the
+    cache."""
 
     name: str
-    seconds: float
+    seconds: float  # Time to compile it, or to load it from the cache [s]
     lines: int
 
 
@@ -191,11 +188,7 @@ def _expression_folder(key: str) -> str:
 def compile_source(
     source: Path, declaration: str, sizes: Mapping[str, int], comm: MPI.Comm, name: str
 ) -> ModuleType:
-    """Compile a C file, or load it from the cache; collective.
-
-    Returns:
-        A module of cffi, with ``lib`` and ``ffi``.
-    """
+    """A module of cffi of a C file, compiled or loaded from the cache; collective."""
 
     def compiled(options: dict) -> tuple[ModuleType, None, str | None]:
         folder = options["cache_dir"]
@@ -238,9 +231,6 @@ def call(module: ModuleType, name: str, *arrays: NDArray | None) -> None:
 class PointKernel:
     """An expression of fields with one value at every point, evaluated point by point.
 
-    Args:
-        expression: A vector, on intervals, one for each point; collective.
-
     Attributes:
         fields: The fields, in the order in which the kernel reads them.
     """
@@ -267,11 +257,7 @@ class PointKernel:
     def __call__(
         self, rows: NDArray[np.integer] | slice, X: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Values at some points (n, components), of the present values of the fields.
-
-        Args:
-            X: Positions of all points (nq, 3).
-        """
+        """Values at some points (n, components), of the present values of the fields."""
         values = [f.x.array.reshape(-1, f.function_space.dofmap.index_map_bs) for f in self.fields]
         count = rows.stop if isinstance(rows, slice) else len(rows)
         w = np.concatenate([np.zeros((count, 0)), *(array[rows] for array in values)], axis=1)

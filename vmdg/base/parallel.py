@@ -38,7 +38,6 @@ _PAUSE, _SHARE = 0.01, 0.1
 
 
 def global_sum(comm: MPI.Comm, value: ArrayLike) -> NDArray:
-    """Sum over ranks of a scalar or an array, the same on every rank."""
     return _reduced(comm, value, MPI.SUM)
 
 
@@ -47,7 +46,6 @@ def global_norm(comm: MPI.Comm, values: NDArray[np.float64]) -> float:
 
 
 def global_max(comm: MPI.Comm, value: ArrayLike) -> Any:
-    """Maximum over ranks of a scalar, or of every entry of an array."""
     return _reduced(comm, value, MPI.MAX)
 
 

@@ -27,7 +27,6 @@ def short(value: Any) -> str:
 
 
 def html_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table in HTML."""
     lines = [("th", header), *(("td", row) for row in rows)]
     body = (
         "".join(f"<{cell}>{escape(short(value))}</{cell}>" for value in values)

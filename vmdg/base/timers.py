@@ -13,15 +13,11 @@ _names: dict[str, None] = {}
 
 
 class Timing(NamedTuple):
-    """What a timer has measured on this rank.
-
-    Attributes:
-        seconds: Wall time [s].
-    """
+    """What a timer has measured on this rank; ``seconds`` of wall time."""
 
     name: str
     runs: int
-    seconds: float
+    seconds: float  # Wall time [s]
 
 
 def timer(name: str) -> Timer:

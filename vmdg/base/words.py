@@ -25,12 +25,10 @@ def near(name: str, names: Iterable[str], others: Mapping[str, str] | None = Non
 
 
 def pip_install(packages: str) -> str:
-    """The command that adds packages to the Python that runs."""
     return f"{os.environ.get('VMDG_PIP') or f'{sys.executable} -m pip install'} {packages}"
 
 
 def checked_path(what: str, path: Any) -> Path:
-    """A path that a user gives."""
     if not isinstance(path, str | PathLike):
         raise TypeError(f"{what} = {path!r} must be a str or a Path")
     return Path(path)

@@ -60,7 +60,6 @@ def cell_records(
 
     Args:
         places: The same space, for a periodic cell the one without merged opposite faces.
-        rows: Values of every local cell (cells, n) by name.
 
     Returns:
         This rank's part of the records, in rank order; the fields of a record, by their names and

@@ -47,13 +47,10 @@ ROUGHEST = 5.0
 
 
 def check_model(problem: Problem, loads: NDArray[np.float64], traced: bool = False) -> bool:
-    """Look for missing or conflicting supports and implausible numbers.
+    """Look for missing or conflicting supports and implausible numbers; whether a body is
+    constrained by contact alone.
 
-    Args:
-        traced: Whether load factors may decrease along the path where bonds break.
-
-    Returns:
-        Whether a body is constrained by contact alone.
+    ``traced`` if load factors may decrease along the path where bonds break.
     """
     message = (
         "the nodes of the mesh were moved after the problem was created, which does not notice it: "
@@ -275,7 +272,6 @@ def rated(problem: Problem) -> bool:
 
 
 def _check_proportions(problem: Problem, active: ActiveInterface) -> None:
-    """Warn about implausible numbers."""
     law, comm, message = active.facets.law, problem.comm, None
     if (roughest := np.max(law.friction, initial=0.0)) > ROUGHEST:
         message = (
@@ -319,9 +315,6 @@ def check_duration(problem: Problem, duration: float) -> None:
     """Warn about a motion that is over long before a wave has crossed a cell; collective.
 
     A wave at c = sqrt(E/rho) takes h/c through a cell of the size h, here those at interfaces.
-
-    Args:
-        duration: Of the motion [s].
     """
     rho, message = max(moving(problem.step.motion).density.values()), None
     times = [

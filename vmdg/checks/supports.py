@@ -91,11 +91,8 @@ def parts_of(
 
 
 def bonds(problem: Problem) -> tuple[float, float]:
-    """Bonds on open facets; collective.
-
-    Returns:
-        Energy of intact bonds, P_c^2/(2 H) times their area [N mm], and their number of facets.
-    """
+    """Energy of intact bonds on open facets, P_c^2/(2 H) times their area [N mm], and their number
+    of facets; collective."""
     found = np.zeros(2)
     for active in problem.discretization.active.values():
         law = active.law
@@ -107,12 +104,10 @@ def bonds(problem: Problem) -> tuple[float, float]:
 
 
 def stabilize_pieces(problem: Problem) -> bool:
-    """Stabilize detached pieces by an artificial stiffness from now on, with a warning; collective.
+    """Stabilize detached pieces by an artificial stiffness from now on, with a warning; whether
+    there is a new such piece; collective.
 
     At small strain a piece rotates without strain for any angle, and needs none.
-
-    Returns:
-        Whether there is a new such piece.
     """
     step = problem.step
     if step.scales.held or problem.discretization.bodies.small:
@@ -130,14 +125,12 @@ def stabilize_pieces(problem: Problem) -> bool:
 
 
 def hanging_piece(problem: Problem) -> str:
-    """A piece constrained by a single point only, or not at all; collective.
+    """A sentence about the smallest piece constrained by a single point only, or not at all; empty
+    if there is none; collective.
 
     If only one point of the facets around a piece is intact, or in 3D collinear points, the piece
     rotates about it without resistance. A point is intact if part of its strength remains or it is
     in contact. Chains of such pieces are not detected.
-
-    Returns:
-        A sentence about the smallest such piece; empty if there is none.
     """
     joined, links = [], []
     for active in problem.discretization.active.values():

@@ -86,21 +86,13 @@ _told: WeakSet[Problem] = WeakSet()
 
 
 class Zones(NamedTuple):
-    """Process zones at facets in which a crack tip is.
+    """Process zones at facets in which a crack tip is."""
 
-    Attributes:
-        length: l (n,) [mm].
-        size: h (n,) [mm].
-        thickness: t where a plate makes l short, else inf (n,) [mm].
-        strength: That with y = 1 at the same fracture energy, relative to the given one (n,).
-        y: Of the module (n,).
-    """
-
-    length: Array
-    size: Array
-    thickness: Array
-    strength: Array
-    y: Array
+    length: Array  # l (n,) [mm]
+    size: Array  # h (n,) [mm]
+    thickness: Array  # t where a plate makes l short, else inf (n,) [mm]
+    strength: Array  # That with y = 1 at the same fracture energy, relative to the given one (n,)
+    y: Array  # Of the module (n,)
 
 
 class ZoneWatch:
@@ -239,7 +231,6 @@ def _stiffness(
     of rigid ones; collective.
 
     Args:
-        cells: Of the two sides (n, 2).
         N, x: Normal of a facet and direction in which the crack grows (n, d).
     """
     bodies, d = problem.discretization.bodies, x.shape[1]

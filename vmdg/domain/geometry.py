@@ -39,12 +39,7 @@ def make_geometry(
     periodic: bool = False,
     axial: bool = False,
 ) -> Geometry:
-    """The geometry that the forms work with; collective.
-
-    Args:
-        thickness: Thickness of a plane body [mm].
-        axial: Whether F_33 of a plane body is an unknown.
-    """
+    """The geometry that the forms work with; collective."""
     if volumetric not in VOLUMETRIC:
         raise ValueError(f"Problem: volumetric = {volumetric!r} must be one of {VOLUMETRIC}")
     if periodic and (symmetry is not None or volumetric == "mean"):
@@ -117,11 +112,7 @@ def axis_dofs(space: fem.FunctionSpace, geometry: Geometry) -> NDArray[np.int32]
 
 
 def rigid_motions(x: NDArray[np.float64], geometry: Geometry) -> NDArray[np.float64]:
-    """Translations, then rotations, of small angle (modes, n, d); along z only in axisymmetry.
-
-    Args:
-        x: Points (n, d).
-    """
+    """Translations, then rotations, of small angle (modes, n, d); along z only in axisymmetry."""
     d = x.shape[1]
     translations = [np.tile(direction, (len(x), 1)) for direction in np.eye(d)]
     if isinstance(geometry, Axisymmetric):
@@ -138,10 +129,6 @@ def rigid_part(comm: MPI.Comm, x: Array, y: Array) -> tuple[Array, Array, Array]
     """The best-fit rigid motion between two sets of points (Kabsch 1976); collective.
 
         R = argmin sum_i |y_i - c' - R (x_i - c)|^2,    c and c' the mean positions.
-
-    Args:
-        x: Points of this rank (n, d) [mm].
-        y: Their images (n, d) [mm].
 
     Returns:
         Rotation (d, d), mean of all x and mean of all y; None where they do not determine the

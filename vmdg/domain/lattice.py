@@ -23,19 +23,13 @@ SAME_PLACE = 1e-6
 
 @dataclass(frozen=True)
 class Lattice:
-    """A parallelepiped repeated periodically.
+    """A parallelepiped repeated periodically."""
 
-    Attributes:
-        vectors: Its sides, one per row (d, d) [mm].
-        origin: The corner from which the sides start (d,) [mm].
-    """
-
-    vectors: Array
-    origin: Array
+    vectors: Array  # Its sides, one per row (d, d) [mm]
+    origin: Array  # The corner from which the sides start (d,) [mm]
 
     @property
     def centre(self) -> Array:
-        """Centre of the cell (d,) [mm]."""
         return self.origin + self.vectors.sum(axis=0) / 2
 
     @property

@@ -29,13 +29,9 @@ from .weibull import Weibull
 
 
 class Strain(Protocol):
-    """Eigenstrain of the cells of a tag.
+    """Eigenstrain of the cells of a tag."""
 
-    Attributes:
-        tensor: A tensor (3, 3), not the factor of the identity.
-    """
-
-    tensor: bool
+    tensor: bool  # A tensor (3, 3), not the factor of the identity
     uniform: bool
 
     def __call__(self, t: float) -> NDArray[np.float64]:
@@ -44,21 +40,16 @@ class Strain(Protocol):
 
 @dataclass(frozen=True)
 class Region:
-    """Cells whose materials differ only in the values of their parameters.
-
-    Attributes:
-        cells: Local cells of the region, owned ones, (n,).
-    """
+    """Cells whose materials differ only in the values of their parameters."""
 
     body: Body
-    cells: NDArray[np.int32]
+    cells: NDArray[np.int32]  # Local cells of the region, owned ones, (n,)
 
 
 class Bodies:
     """The regions of a mesh.
 
     Args:
-        eigenstrain: Stress-free strain by tag; None where there is none.
         plane_stress: Zero stress out of the plane instead of zero strain.
 
     Attributes:
@@ -212,14 +203,10 @@ class Bodies:
 def cell_values(
     mesh: Mesh, value: Any, cells: NDArray[np.integer], what: str
 ) -> NDArray[np.float64] | float:
-    """A parameter on local cells; collective.
+    """A parameter on local cells, one number or (n,); collective.
 
-    Args:
-        value: A number, f(x) at midpoints x (3, n), a Function of degree 0, or an array with a
-            value for each local cell of the mesh, ghosts included.
-
-    Returns:
-        One number, or (n,).
+    Given is a number, f(x) at midpoints x (3, n), a Function of degree 0, or an array with a value
+    for each local cell of the mesh, ghosts included.
     """
     if isinstance(value, Real):
         return float(value)

@@ -65,7 +65,6 @@ class MeanPoints:
         """diag(S_F, S_theta) (n, 4, 4) and its derivative (n, k + 1, k + 1).
 
         Args:
-            deformation: diag(F, theta).
             stress: P_bar (n, 3, 3).
             moduli: A_bar by entries (n, k, k).
         """

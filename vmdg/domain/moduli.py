@@ -24,8 +24,6 @@ class RegionExpressions:
 
     Args:
         regions: Numbers of the regions in which it is evaluated, the same on all ranks; collective.
-        expression: The vector ``expression(body, F)``.
-        points: Reference points in a cell, or in a facet.
     """
 
     def __init__(

@@ -41,25 +41,16 @@ class PointState:
 
     With mean dilatation F is diag(F, theta) (4, 4), at small strain diag(strain, theta - 1), and
     stress and moduli are those of :class:`.MeanPoints`.
-
-    Attributes:
-        history: History of the points of every material (n, m).
-        stress: Conjugate to F (cells, points, 3, 3) [MPa].
-        moduli: Its derivative by F (cells, points, entries, entries) [MPa].
-        frozen: Derivative of P in the adjoint term, likewise [MPa].
-        stored: Stored energy (cells, points) [MPa].
-        dissipated: Dissipated energy in the step (cells, points) [MPa].
-        deformation: F, at small strain the strain, of these stresses (n, 3, 3).
     """
 
-    history: tuple[Array, ...]
-    stress: Array
-    moduli: Array
-    frozen: Array
-    stored: Array
-    dissipated: Array
+    history: tuple[Array, ...]  # History of the points of every material (n, m)
+    stress: Array  # Conjugate to F (cells, points, 3, 3) [MPa]
+    moduli: Array  # Its derivative by F (cells, points, entries, entries) [MPa]
+    frozen: Array  # Derivative of P in the adjoint term, likewise [MPa]
+    stored: Array  # Stored energy (cells, points) [MPa]
+    dissipated: Array  # Dissipated energy in the step (cells, points) [MPa]
     next: tuple[Array, ...]
-    deformation: Array
+    deformation: Array  # F, at small strain the strain, of these stresses (n, 3, 3)
 
 
 @dataclass(frozen=True)
@@ -86,7 +77,6 @@ class PointBodies:
 
     Args:
         plane_stress: Zero stress out of the plane instead of zero strain.
-        eigenstrain: Stress-free strain of the cells, a number or a tensor (3, 3); None for none.
 
     Attributes:
         cells: Local cells, by tag in the order of ``materials``, (n,).
@@ -193,7 +183,6 @@ class PointBodies:
         """Stress and moduli for a deformation; collective.
 
         Args:
-            dt: Time step [s].
             hold: Keep the moduli of the last evaluation, for a predictor: those of the last
                 iteration are closer to those of the step than the elastic ones of a state at rest.
         """
@@ -398,7 +387,6 @@ class PointBodies:
         self.take(_with(self.state, frozen=self._piola_moduli(self.state, slice(None))))
 
     def commit(self) -> None:
-        """Accept the last evaluation as the converged history."""
         self.state = _with(
             self.state, history=self.state.next, dissipated=np.zeros_like(self.state.dissipated)
         )

@@ -44,7 +44,6 @@ class PointEvaluator:
 
         Args:
             deformation: F, at small strain the strain, (n, 3, 3); in plane stress 33 is a guess.
-            state: History at the start of the step (n, m).
             strain: Eigenstrain F_s - I (n, 3, 3); None for none.
         """
         if not np.isfinite(deformation).all():

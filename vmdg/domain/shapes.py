@@ -76,7 +76,6 @@ class GeometryMap:
         self.slopes = np.array(slopes)
 
     def nodes(self, cells: NDArray[np.int32] | slice) -> Array:
-        """Positions of the nodes of cells (cells, nodes, d) [mm]."""
         return cell_nodes(self._mesh, cells)
 
     def positions(self, nodes: Array) -> Array:
@@ -89,12 +88,7 @@ class GeometryMap:
 
 
 def places_in_cells(mesh: Mesh, cells: NDArray[np.int32], places: Array) -> tuple[Array, Array]:
-    """X (n, points, d) [mm] and dX/dxi (n, points, d, t) at reference points of each cell.
-
-    Args:
-        cells: Local cells (n,).
-        places: Positions in the reference cell (n, points, t).
-    """
+    """X (n, points, d) [mm] and dX/dxi (n, points, d, t) at reference points of each cell."""
     return _interpolated(coordinate_shapes(mesh), places, cell_nodes(mesh, cells))
 
 
@@ -120,12 +114,7 @@ def _tabulated(element: basix.ufl._ElementBase, places: Array) -> tuple[Array, A
 def displacements_in_cells(
     u: fem.Function, cells: NDArray[np.int32], places: Array
 ) -> tuple[Array, Array]:
-    """u (n, points, d) [mm] and du/dxi (n, points, d, t) at reference points of each cell.
-
-    Args:
-        cells: Local cells (n,).
-        places: Positions in the reference cell (n, points, t).
-    """
+    """u (n, points, d) [mm] and du/dxi (n, points, d, t) at reference points of each cell."""
     space = u.function_space
     cell, degree = space.mesh.topology.cell_name(), space.ufl_element().degree
     at_nodes = u.x.array.reshape(-1, space.dofmap.index_map_bs)[space.dofmap.list[cells]]
@@ -137,10 +126,6 @@ def derivatives_in_cells(
 ) -> tuple[Array, Array]:
     """X and u with their first and second derivatives in the reference cell (kinds, n, points, d),
     in the order of ``basix.index``, at reference points of each cell.
-
-    Args:
-        cells: Local cells (n,).
-        places: Positions in the reference cell (n, points, t).
     """
     space, (count, points, t) = u.function_space, places.shape
     mesh, degree = space.mesh, space.ufl_element().degree
@@ -157,17 +142,11 @@ def derivatives_in_cells(
 
 
 class FacetShapes(NamedTuple):
-    """Shape functions at the points of facets of cells.
+    """Shape functions at the points of facets of cells."""
 
-    Attributes:
-        gradients: GRAD (n, points, nodes, d or d + 1).
-        weights: Quadrature weights (n, points).
-        points: X (n, points, d) [mm].
-    """
-
-    gradients: Array
-    weights: Array
-    points: Array
+    gradients: Array  # GRAD (n, points, nodes, d or d + 1)
+    weights: Array  # Quadrature weights (n, points)
+    points: Array  # X (n, points, d) [mm]
 
     def at(self, positions: Array) -> FacetShapes:
         """The same with the points of each facet in the order of ``positions``.

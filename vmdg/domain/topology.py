@@ -161,11 +161,7 @@ def checked_facets(mesh: Mesh, where: ArrayLike, what: str) -> NDArray[np.int32]
 def refuse_facets(
     mesh: Mesh, facets: NDArray[np.int32], refused: NDArray[np.bool_], what: str, reason: str
 ) -> None:
-    """Raise on all ranks if one of the owned ``facets`` is marked; collective.
-
-    Args:
-        reason: The error and the remedy, which follow the place of the facet in the message.
-    """
+    """Raise on all ranks if one of the owned ``facets`` is marked; collective."""
     fdim = mesh.topology.dim - 1
     owned = facets[facets < mesh.topology.index_map(fdim).size_local]
     bad, message = owned[refused[owned]], None

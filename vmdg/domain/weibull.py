@@ -100,11 +100,7 @@ class Weibull:
         return replace(self, resolution=found) if self.resolution is None else self
 
     def __call__(self, x: ArrayLike) -> NDArray[np.float64]:
-        """Values at points (n,).
-
-        Args:
-            x: Points (d, n) [mm].
-        """
+        """Values at points (n,)."""
         x = np.asarray(x, dtype=float)
         boxes = self._boxes(x) if self.section is None else self._sections(x)
         number = np.full(x.shape[1], self.seed, dtype=np.uint64)

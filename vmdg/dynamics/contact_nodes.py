@@ -101,11 +101,8 @@ class ContactNodes:
         return matrix
 
     def balance(self, dt: float) -> bool:
-        """Move the nodes into equilibrium and assemble the residual; collective.
-
-        Returns:
-            Whether that has succeeded.
-        """
+        """Move the nodes into equilibrium and assemble the residual; whether that has succeeded;
+        collective."""
         if not self.exist:
             self._problem.step.assemble_residual(dt)
             return True
@@ -148,7 +145,6 @@ class ContactNodes:
         return self._x.array.copy()
 
     def free(self) -> None:
-        """Free the PETSc objects; collective."""
         if self.exist:
             destroy(self._ksp)
             for item in (self._matrix, self._x, self._b):

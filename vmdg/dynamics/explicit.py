@@ -282,5 +282,4 @@ class ExplicitSteps:
         return a
 
     def free(self) -> None:
-        """Free the PETSc objects; collective."""
         self._contact.free()

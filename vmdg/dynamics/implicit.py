@@ -154,11 +154,7 @@ class ImplicitSteps:
         return self._attempt(t, AtEnd(), shortens, shortens) if found.reason == GAINED else found
 
     def _attempt(self, t: float, scheme: Newmark, strict: bool, keeps: bool) -> Attempt:
-        """An attempt, committed if it converges and cancelled if not; collective.
-
-        Args:
-            strict, keeps: As for :meth:`.Balance.fault`, where surfaces meet or part.
-        """
+        """An attempt, committed if it converges and cancelled if not; collective."""
         problem, motion = self._problem, self._motion
         step, owned, held = problem.step, self._owned, problem.loading.owned_prescribed
         h, beta, gamma = t - problem.t, scheme.beta, scheme.gamma
@@ -233,10 +229,6 @@ class ImplicitSteps:
     def _accurate(self, h: float, change: Array, tolerance: float) -> bool:
         """Whether the error of a step is within the tolerance, and the length of the next one;
         collective.
-
-        Args:
-            h: The step [s].
-            change: a_1 - a_0 (owned,) [mm/s2].
         """
         mass, moved = self._motion.row_sums, self._problem.u.x.array[: self._owned] - self._first
         sums = global_sum(self._comm, [mass @ change**2, mass @ moved**2])
@@ -313,7 +305,6 @@ class ImplicitSteps:
         return verdict(self._norms, self._goal, True, self._options)
 
     def free(self) -> None:
-        """Free the PETSc objects; collective."""
         self._system.free()
         self._snes.free()
         for matrix in (self._mass, self._damping, self._rate):

@@ -18,9 +18,6 @@ class ViscousNodes:
 
     alpha M and dashpots are lumped and act at the velocity of the end of the step, which leaves the
     critical step as it is; beta K acts at that of its middle, which shortens it.
-
-    Args:
-        masses: Lumped masses of owned dofs [N s2/mm].
     """
 
     def __init__(self, problem: Problem, masses: Array):
@@ -43,22 +40,13 @@ class ViscousNodes:
             item.destroy()
 
     def stable(self, critical: float) -> float:
-        """The critical step with damping, 2/omega (sqrt(1 + xi^2) - xi), xi = beta omega/2.
-
-        Args:
-            critical: 2/omega without [s].
-        """
+        """The critical step with damping, 2/omega (sqrt(1 + xi^2) - xi), xi = beta omega/2, from
+        that without, 2/omega [s]."""
         xi = self._damping.rayleigh.beta / critical
         return critical * (math.sqrt(1 + xi**2) - xi)
 
     def solve(self, forces: Array, inverse: Array, v: Array, h: float) -> Array:
-        """Acceleration a of M.a = forces - C.(v + h a/2) of owned dofs, C without beta K.
-
-        Args:
-            forces: Other forces [N].
-            v: Velocity in the middle of the step [mm/s].
-            h: The step [s].
-        """
+        """Acceleration a of M.a = forces - C.(v + h a/2) of owned dofs, C without beta K."""
         if not self._damping.exists:
             return forces * inverse
         alpha, d = self._damping.rayleigh.alpha, self._d
@@ -78,7 +66,6 @@ class ViscousNodes:
         return self._damping.rayleigh.alpha * self._masses * v + self.of_dashpots(v)
 
     def of_dashpots(self, v: Array) -> Array:
-        """Their part of :meth:`drag`."""
         forces, dofs = np.zeros_like(v), self._d * self._nodes[:, None] + np.arange(self._d)
         forces[dofs] = np.einsum("nij,nj->ni", self._blocks, v[dofs])
         return forces

@@ -15,15 +15,10 @@ Array = NDArray[np.float64]
 
 
 class Compared(NamedTuple):
-    """What a run has in the place of n measured values.
+    """What a run has in the place of n measured values."""
 
-    Attributes:
-        values: The values (n,).
-        slopes: Their derivatives by k parameters (n, k).
-    """
-
-    values: Array
-    slopes: Array
+    values: Array  # The values (n,)
+    slopes: Array  # Their derivatives by k parameters (n, k)
     reached: bool
 
 
@@ -168,7 +163,6 @@ def along_path(
 
 
 def _rows_of(history: History, column: str) -> Array:
-    """A column as (rows, N)."""
     found = history[column]
     return found.reshape(len(found), -1)
 

@@ -220,7 +220,6 @@ def _energies(
 
 
 def _by_experiment(makes: Mapping[str, Make], measured: Any, several: bool) -> dict[str, list]:
-    """What was measured by experiment."""
     if several != isinstance(measured, Mapping):
         raise ValueError(
             "identify: for several experiments give both make_problem and measured by name, "
@@ -253,7 +252,6 @@ def _by_experiment(makes: Mapping[str, Make], measured: Any, several: bool) -> d
 def _loads_of(
     curves: Mapping[str, Sequence[Measured]], loads: Any, several: bool
 ) -> dict[str, Array]:
-    """Load factors by experiment."""
     if loads is not None:
         if several and (not isinstance(loads, Mapping) or set(loads) != set(curves)):
             raise ValueError(f"identify: give loads= by name of the experiments {sorted(curves)}")

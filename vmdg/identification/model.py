@@ -75,18 +75,12 @@ class Refused(RuntimeError):
 
 
 class Fit(NamedTuple):
-    """How least squares ended.
+    """How least squares ended."""
 
-    Attributes:
-        values: Parameters (k,).
-        status: 0 at the largest number of evaluations, -1 where there is no run at the start.
-        bounded: Whether a parameter is at its bound (k,).
-    """
-
-    values: Array
+    values: Array  # Parameters (k,)
     cost: float
-    status: int
-    bounded: NDArray[np.bool_]
+    status: int  # 0 at the largest number of evaluations, -1 where there is no run at the start
+    bounded: NDArray[np.bool_]  # Whether a parameter is at its bound (k,)
     iterations: int
 
 

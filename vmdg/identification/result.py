@@ -31,17 +31,12 @@ OF_END = 0.02
 
 @dataclass(frozen=True)
 class Run:
-    """One evaluation of the model.
-
-    Attributes:
-        cost: Half of the sum of the squares of the weighted residuals, priors included; inf
-            without a run.
-        refused: Why there is no run; empty where there is one.
-    """
+    """One evaluation of the model."""
 
     values: dict[str, float]
+    # Half of the sum of the squares of the weighted residuals, priors included; inf without a run
     cost: float
-    refused: str = ""
+    refused: str = ""  # Why there is no run; empty where there is one
 
 
 class Given(NamedTuple):
@@ -219,7 +214,6 @@ class Identified:
 
     @property
     def _scale(self) -> float:
-        """Standard deviation of the residuals."""
         r = np.concatenate([one for group in self.residuals.values() for one in group])
         return 1.0 if self.sigma_known else float(np.sqrt(r @ r / self.freedom))
 
@@ -295,6 +289,5 @@ class Identified:
         return "\n".join([*lines, *(f"warning: {message}" for message in self.warnings)])
 
     def _repr_html_(self) -> str:
-        """For notebooks: a table of the parameters."""
         columns = ("parameter", "estimate", "relative error", "95 % from", "to")
         return html_table(columns, self._rows())

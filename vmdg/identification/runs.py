@@ -36,7 +36,6 @@ class RunFile:
     """Runs by their parameters in a JSON file; all methods are collective.
 
     Args:
-        comm: The ranks; rank 0 reads and writes.
         path: The file; None to keep the runs in memory.
     """
 
@@ -47,7 +46,6 @@ class RunFile:
 
     @property
     def kept(self) -> bool:
-        """Whether there is a file."""
         return self._path is not None
 
     def claimed(self) -> AbstractContextManager:
@@ -98,7 +96,6 @@ class RunFile:
         self._head = head
 
     def add(self, key: str, run: Any) -> None:
-        """Add a run, and write the file."""
         self.runs[key] = run
         message = None
         if self._path is not None and self._comm.rank == 0:
@@ -154,7 +151,6 @@ def _flat(description: Mapping[str, Any], of: str = "") -> dict[str, Any]:
 
 
 def _differences(stored: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
-    """Differences of two descriptions, one line each."""
     one, other = _flat(stored), _flat(present)
     lines = [
         (name, line)

@@ -27,16 +27,12 @@ OPENS, OPENS_WITH_OTHERS, REPEATS_STEP = 1.0, 0.75, 1.5
 
 @dataclass(frozen=True)
 class Utilization:
-    """Traction on closed facets relative to the traction at which they open.
+    """Traction on closed facets relative to the traction at which they open."""
 
-    Attributes:
-        facets: Utilization of the owned facets of every interface that opens on demand, by its
-            number (nf,); zero on open facets.
-        largest: Maximum over all ranks; zero if no interface opens on demand.
-    """
-
+    # Utilization of the owned facets of every interface that opens on demand, by its number (nf,);
+    # zero on open facets
     facets: dict[int, NDArray[np.float64]]
-    largest: float
+    largest: float  # Maximum over all ranks; zero if no interface opens on demand
 
 
 class PotentialFacets:
@@ -117,11 +113,7 @@ class Activation:
         return bool(self._potential)
 
     def refuse(self, facets: NDArray[np.int32], what: str, reason: str) -> None:
-        """Refuse facets of interfaces, open or not; collective.
-
-        Args:
-            reason: The error and the remedy, which follow the place of the facet in the message.
-        """
+        """Refuse facets of interfaces, open or not; collective."""
         index_map = self._mesh.topology.index_map(self._mesh.topology.dim - 1)
         inside = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
         for selected in self.facets:

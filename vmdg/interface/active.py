@@ -107,11 +107,8 @@ class ActiveInterface:
     # At the current displacement
 
     def apply(self, stabilization: Stabilization) -> float:
-        """Set tau_s and the flux weights of the forms for a step; collective.
-
-        Returns:
-            The resulting change of the energy (30) at this rank's points [N mm; N in plane strain].
-        """
+        """Set tau_s and the flux weights of the forms for a step; the resulting change of the
+        energy (30) at this rank's points [N mm; N in plane strain]; collective."""
         before = self.stabilization
         self._set_stabilization(stabilization)
         if self.law.inelastic:
@@ -205,9 +202,6 @@ class ActiveInterface:
         dT_tr = dT + r d zeta, and d zeta/dT depends on the law alone, so C^-1 - r is unchanged:
         with C of the old r a softening point would soften additionally by the change. Where r
         decreases, part of H is neglected, which makes the first correction a conservative one.
-
-        Args:
-            change: Increase of r (nf,) [MPa/mm].
         """
         if not change.any():
             return
@@ -231,11 +225,8 @@ class ActiveInterface:
         return False
 
     def pair(self, release: bool = False) -> None:
-        """Pair the surfaces in the configuration of the current displacement.
-
-        Args:
-            release: Also facets whose bond is broken everywhere, from now on.
-        """
+        """Pair the surfaces in the configuration of the current displacement, with ``release`` also
+        facets whose bond is broken everywhere, from now on."""
 
     # Return maps
 
@@ -243,11 +234,8 @@ class ActiveInterface:
         return self._return_map.start()
 
     def trial(self, closes: bool = False) -> Trial:
-        """Input of the return map of the step at the current displacement.
-
-        Args:
-            closes: Take in facets that were left out and now touch.
-        """
+        """Input of the return map of the step at the current displacement, with ``closes`` taking
+        in facets that were left out and now touch."""
         known, q = self.stabilization, self.quadrature
         out = known.left_out if lets_go(self) else np.zeros(0, dtype=bool)
         if out.any():
@@ -407,10 +395,8 @@ class ActiveInterface:
             self.fluid.share = share
 
     def works(self) -> NDArray[np.float64]:
-        """Dissipation of this rank's points in the step, (39), by damage, friction and viscosity.
-
-        [N mm; N in plane strain], (3,).
-        """
+        """Dissipation of this rank's points in the step, (39), by damage, friction and viscosity
+        (3,) [N mm; N in plane strain]."""
         update, q = self.values.update, self.quadrature
         if update is None:
             return np.zeros(3)
@@ -421,9 +407,6 @@ class ActiveInterface:
         """d damage work/d T_tr of the last return map, in the frame of the law (nq, d) [mm].
 
         For a resumed run it is read from the checkpoint.
-
-        Args:
-            dt: Time step of that return map [s].
         """
         update, history, q = self.values.update, self.history, self.quadrature
         if update is None:
@@ -458,9 +441,6 @@ def update_points(interfaces: Sequence[ActiveInterface], dt: float, hold: bool =
     """Return maps of a step, jointly for all interfaces with equal laws and frames.
 
     A return map of few points takes as long as that of thousands.
-
-    Args:
-        dt: Time step [s].
     """
     for group in _with_equal_laws(interfaces):
         trials = [active.trial(closes=not hold) for active in group]
@@ -575,11 +555,8 @@ def interface_flux(active: ActiveInterface) -> NDArray[np.float64]:
 
 
 def interface_energy(active: ActiveInterface, anew: bool = False) -> float:
-    """Energy (30) at this rank's points [N mm; N in plane strain].
-
-    Args:
-        anew: Eigenstrains have changed since the last return map.
-    """
+    """Energy (30) at this rank's points [N mm; N in plane strain]; ``anew`` if eigenstrains have
+    changed since the last return map."""
     if active.stabilization is None:
         return 0.0
     values = active.values

@@ -126,16 +126,11 @@ Stabilized = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class Moduli(NamedTuple):
-    """Of some cells and pairs at a displacement.
+    """Of some cells and pairs at a displacement."""
 
-    Attributes:
-        bulk: Upper triangle of A (cells, points, m).
-        traction: dP.N/dF of pairs (pairs, points, m).
-        volume: dJ/dF (cells, points, m); None without mean dilatation, and at small strain.
-    """
-
-    bulk: NDArray[np.float64]
-    traction: NDArray[np.float64]
+    bulk: NDArray[np.float64]  # Upper triangle of A (cells, points, m)
+    traction: NDArray[np.float64]  # dP.N/dF of pairs (pairs, points, m)
+    # dJ/dF (cells, points, m); None without mean dilatation, and at small strain
     volume: NDArray[np.float64] | None
 
 
@@ -193,7 +188,6 @@ class CellProblems:
 
     Args:
         cells: Local cells, ascending; a cell with several interface facets is repeated.
-        in_pieces: As for :class:`.ShapeGradients`.
     """
 
     def __init__(
@@ -261,11 +255,7 @@ class CellProblems:
         self._batch = max(_BATCH // (rows * shapes.nodes_of_cell * d), 1)
 
     def moduli(self, needed: NDArray[np.bool_] | None = None) -> Iterator[Moduli]:
-        """What (*) has of the current displacement, batch by batch.
-
-        Args:
-            needed: Pairs whose cells are solved (n,); None for all.
-        """
+        """What (*) has of the current displacement, batch by batch."""
         for cells, pairs in self._batches(needed):
             region, dJ = self._region[cells], None
             if self._volume_gradient is not None:
@@ -296,7 +286,6 @@ class CellProblems:
 
         Args:
             weights: T of every pair (states, n, d, d) [mm3/N].
-            states: Of :meth:`moduli`.
             needed: Pairs whose cells are solved, others have 0 (n,); None for all.
         """
         result, count = np.zeros(weights.shape[:2]), len(weights)
@@ -432,11 +421,7 @@ class CellProblems:
 def _square_root(
     A: NDArray[np.float64], free: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """L with L.L^T = |A| (cells, points, n, n), and (1 + gamma) / (1 - gamma) of the cells.
-
-    Args:
-        A: Moduli (cells, points, n, n).
-    """
+    """L with L.L^T = |A| (cells, points, n, n), and (1 + gamma) / (1 - gamma) of the cells."""
     size = np.trace(A, axis1=2, axis2=3).max(axis=1)
     regular = (_REGULAR * size)[:, None, None]
     try:
@@ -547,8 +532,6 @@ class Coercivity:
         """The factors on the penalties for alpha = 0, per facet of every interface, in some states.
 
         Args:
-            every: Stabilization of every interface in every state.
-            states: Of :meth:`moduli`.
             chosen: Facets whose factors are needed, those of others may be too small (nf,); None
                 for all.
         """

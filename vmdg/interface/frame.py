@@ -69,12 +69,7 @@ class Frame:
         self._module = compile_source(source, _DECLARATIONS, {"DIM": d}, comm, "frame")
 
     def at(self, F: Array, N: Array) -> tuple[Array, Array]:
-        """R (n, d, d), and W (n, 3 or 1, d, d) of omega = W:dF, dR = R.Omega, Omega.x = omega x x.
-
-        Args:
-            F: Mean deformation gradient (n, d, d).
-            N: Reference unit normal (n, d).
-        """
+        """R (n, d, d), W (n, 3 or 1, d, d) of omega = W:dF, dR = R.Omega, Omega.x = omega x x."""
         d, count = self._d, len(F)
         R, W = np.empty((count, d, d)), np.empty((count, self._spins, d, d))
         call(self._module, "frames", F, N, R, W)
@@ -90,8 +85,6 @@ class Frame:
         dc = D.dT~_tr with D = [zeta~]^T - [q]^T.C~, where [x].omega = omega x x.
 
         Args:
-            F: Mean deformation gradient of both sides (n, d, d).
-            N: Reference unit normal (n, d).
             compliance: C~ (n, d, d).
             total: q (n, d).
             gap: zeta~ (n, d).

@@ -52,11 +52,7 @@ FIRST = 1e-7
 
 def gap_force(active: ActiveInterface, traction: Array) -> Array:
     """-T dA, the force conjugate to zeta in the energy of bodies and (30), flat [N; N/mm in the
-    plane].
-
-    Args:
-        traction: T in the frame of its law (nq, d) [MPa].
-    """
+    plane], of T in the frame of its law (nq, d) [MPa]."""
     return -(active.quadrature.weights[:, None] * traction).ravel()
 
 
@@ -98,7 +94,6 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
 
     Args:
         active: The interface, at the end of a step that is not yet committed.
-        dt: Time step [s].
         straight: Use the mean of the tractions at both ends.
     """
     update, history, q, law = active.values.update, active.history, active.quadrature, active.law
@@ -214,11 +209,7 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
 
 
 def _at_rest(active: ActiveInterface, total: Array) -> Array:
-    """Viscous part of T.dzeta in excess of that of the law (nq,) [N/mm].
-
-    Args:
-        total: int T.dzeta (nq,) [N/mm].
-    """
+    """Viscous part of T.dzeta in excess of that of the law (nq,) [N/mm], of int T.dzeta (nq,)."""
     update, history, q, law = active.values.update, active.history, active.quadrature, active.law
     damage, friction, viscous = works(
         history, update, law, q.normal, active.stabilization.norm[q.facet]

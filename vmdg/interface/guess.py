@@ -88,11 +88,7 @@ def hold_here(active: ActiveInterface, C: NDArray[np.float64]) -> None:
 
 
 def hold_points(active: ActiveInterface, begun: PointValues, points: Points) -> None:
-    """Restore the values at the start of the step, with C = 0 at some points.
-
-    Args:
-        points: Mask of the points (nq,).
-    """
+    """Restore the values at the start of the step, with C = 0 at some points."""
     active.values = begun
     _assume(active, points, 0.0)
 

@@ -22,18 +22,12 @@ class PointHistory:
     """Converged history of an interface on this rank, zeta and Q of (37), in the law's frame.
 
     No array is modified in place, so an earlier history can be restored. A tie has no points here.
-
-    Attributes:
-        gap: zeta (nq, d) [mm].
-        softening: Q (nq,) [MPa].
-        mode: Branch of the last return map, :class:`vmdg.Mode` (nq,).
-        traction: T (nq, d) [MPa].
     """
 
-    gap: Array
-    softening: Array
-    mode: NDArray[np.int8]
-    traction: Array
+    gap: Array  # zeta (nq, d) [mm]
+    softening: Array  # Q (nq,) [MPa]
+    mode: NDArray[np.int8]  # Branch of the last return map, :class:`vmdg.Mode` (nq,)
+    traction: Array  # T (nq, d) [MPa]
 
     @classmethod
     def start(cls, softening: Array, d: int) -> PointHistory:
@@ -61,22 +55,17 @@ HISTORY_ARRAYS = tuple(field.name for field in fields(PointHistory))
 
 @dataclass(frozen=True)
 class InterfaceSnapshot:
-    """The complete state of an interface.
-
-    Attributes:
-        share: Fraction of a fluid's pressure that acted in the last step; None for none.
-        gradient: Work gradient of that step, for a resumed run; None where it can be computed.
-        pairs: Pairs of surfaces that slide; None for others.
-        up_to_date: Whether the values are those of the displacement and tau_s.
-    """
+    """The complete state of an interface."""
 
     history: PointHistory
     values: PointValues
     stabilization: Stabilization
+    # Fraction of a fluid's pressure that acted in the last step; None for none
     share: NDArray[np.float64] | None = None
+    # Work gradient of that step, for a resumed run; None where it can be computed
     gradient: NDArray[np.float64] | None = None
-    pairs: Any = None
-    up_to_date: bool = False
+    pairs: Any = None  # Pairs of surfaces that slide; None for others
+    up_to_date: bool = False  # Whether the values are those of the displacement and tau_s
 
 
 def with_rows(record: Record, rows: NDArray, other: Record, theirs: NDArray) -> Record:
@@ -94,10 +83,6 @@ def works(before: PointHistory, update: Update, law: Law, N: Array, r: Array) ->
     """Dissipation of a step at the points, (39), by damage, friction and viscosity (3, nq) [N/mm].
 
     Viscous work uses the overstress at the end; :func:`.gap_work` adds its change within the step.
-
-    Args:
-        N: Reference normal (nq, d).
-        r: Penalty (nq,) [MPa/mm].
     """
     works = np.array([update.damage_work, update.friction_work, update.viscous_work])
     if np.any(np.greater(law.friction, 0.0)):

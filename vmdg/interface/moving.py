@@ -64,13 +64,9 @@ _CLOSER = 1e-9
 
 @dataclass(frozen=True)
 class SurfaceStabilization(Stabilization):
-    """By facets of both surfaces, those of side 1 first: c of :mod:`.coercivity` in ``norm``.
+    """By facets of both surfaces, those of side 1 first: c of :mod:`.coercivity` in ``norm``."""
 
-    Attributes:
-        own: tau_1 or tau_2 of (21) (n, d, d) [MPa/mm].
-    """
-
-    own: Array
+    own: Array  # tau_1 or tau_2 of (21) (n, d, d) [MPa/mm]
 
 
 @dataclass(frozen=True)
@@ -87,17 +83,11 @@ class PairStabilization(Stabilization):
 
 
 class EachFacet(NamedTuple):
-    """Facets of both surfaces, each as both sides of a pair.
+    """Facets of both surfaces, each as both sides of a pair."""
 
-    Attributes:
-        cells: Cells (n, 2).
-        local: Numbers of the facets in them (n, 2).
-        slides: As for :class:`.InterfaceFacets`.
-    """
-
-    cells: NDArray[np.int32]
-    local: NDArray[np.int32]
-    slides: bool = True
+    cells: NDArray[np.int32]  # Cells (n, 2)
+    local: NDArray[np.int32]  # Numbers of the facets in them (n, 2)
+    slides: bool = True  # As for :class:`.InterfaceFacets`
 
 
 class SurfaceStabilizer(Stabilizer):
@@ -169,32 +159,20 @@ class SurfaceStabilizer(Stabilizer):
 
 @dataclass(frozen=True)
 class CommittedPoints:
-    """Points at the end of the last step.
+    """Points at the end of the last step."""
 
-    Attributes:
-        u: Displacement there, local dofs [mm].
-        places: Of the points on their facets of side 1, as in :meth:`MovingInterface._places`.
-        rows: That number (nq,).
-        normal: Of side 1 (nq, d).
-        elastic: s in the frame of the law (nq, d) [mm].
-        stiffness: r dA (nq,).
-        both: X on both sides of the points of all ranks (n, d) [mm].
-        normals: Of side 1, of these, by side whose points at one place have one normal (n, d).
-        tractions: Of these, in the frame of the law, likewise (n, d) [MPa].
-        pressed: Integral of the pressure over all ranks [N; N/mm in plane strain].
-    """
-
-    u: Array
-    places: Array
-    rows: NDArray[np.intp]
-    normal: Array
-    elastic: Array
+    u: Array  # Displacement there, local dofs [mm]
+    places: Array  # Of the points on their facets of side 1, as in :meth:`MovingInterface._places`
+    rows: NDArray[np.intp]  # That number (nq,)
+    normal: Array  # Of side 1 (nq, d)
+    elastic: Array  # s in the frame of the law (nq, d) [mm]
     history: PointHistory
-    stiffness: Array
-    both: tuple[Array, Array]
+    stiffness: Array  # r dA (nq,)
+    both: tuple[Array, Array]  # X on both sides of the points of all ranks (n, d) [mm]
+    # Of side 1, of these, by side whose points at one place have one normal (n, d)
     normals: tuple[Array, Array]
-    tractions: tuple[Array, Array]
-    pressed: float
+    tractions: tuple[Array, Array]  # Of these, in the frame of the law, likewise (n, d) [MPa]
+    pressed: float  # Integral of the pressure over all ranks [N; N/mm in plane strain]
 
     @cached_property
     def tree(self) -> scipy.spatial.cKDTree:
@@ -231,9 +209,6 @@ class CommittedPoints:
         last of them (Franke and Little; Renka 1988): at a place its value, in between a continuous
         function. If the nearest alone counted, s and friction would jump as a point
         passes the middle between two of them, and Newton's method alternate.
-
-        Args:
-            places, rows, normal: As of the points themselves.
         """
         tree, points, values, mode = self._by_place
         d = normal.shape[1]
@@ -315,7 +290,6 @@ class MovingInterface(ActiveInterface):
 
     @property
     def couplings(self) -> NDArray[np.int32]:
-        """Rows (cell 1, facet in it, cell 2, facet in it) that are coupled in matrices, flat."""
         sides = zip(self.facets.surfaces.sides, self._near.T, strict=True)
         return np.column_stack(
             [array[rows] for side, rows in sides for array in (side.cells, side.local)]
@@ -565,7 +539,6 @@ class MovingInterface(ActiveInterface):
         return float(global_sum(self._comm, pressure @ self.quadrature.weights))
 
     def commit(self) -> None:
-        """Accept the last return map as the converged history; collective."""
         s = self.values.elastic_opening
         if (R := self.values.rotation) is not None:
             s = np.einsum("pji,pj->pi", R, s)
@@ -585,7 +558,6 @@ class MovingInterface(ActiveInterface):
         self._committed = CommittedPoints(*given)
 
     def snapshot(self) -> InterfaceSnapshot:
-        """The current state; its arrays are never modified."""
         pairs = MovingPairs(self.facets, self._committed, self._bonded)
         return replace(super().snapshot(), pairs=pairs)
 
@@ -660,11 +632,7 @@ def tractions_at(
     them is the nearest would be a matter of rounding.
 
     Args:
-        places: X (n, d) [mm].
-        size: Of the surface [mm].
         traction: T in the frame of the law (n, d) [MPa].
-        normal: N (n, d).
-        weights: dA (n,).
     """
     place, count = _numbered(places, _SAME * size)
     if count is None:

@@ -73,10 +73,8 @@ class PartnerTangent:
         """Add to D dA.
 
         Args:
-            D: From :class:`.PointTangent` (nq, jet, jet).
             traction: Tt dA from there (nq, d, jet).
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
-            T: Traction (nq, d) [MPa].
             terms: q of (27) (nq, jet).
             flux: P_2.N_2 dS_2/dS_1 (nq, d) [MPa].
         """

@@ -38,38 +38,23 @@ _MOST = 60_000
 
 
 class _Piece(NamedTuple):
-    """Change of {P.N} on some facets by the dofs of one side.
-
-    Attributes:
-        facets: The facets (f,).
-        cells: Their cells on that side (f,).
-        points: Points of the facets (f, p).
-        flux: Change of {P.N} (f, p, d, n).
-    """
+    """Change of {P.N} on some facets by the dofs of one side."""
 
     side: int
-    facets: NDArray[np.integer]
-    cells: NDArray[np.int32]
-    points: NDArray[np.integer]
-    flux: Array
+    facets: NDArray[np.integer]  # The facets (f,)
+    cells: NDArray[np.int32]  # Their cells on that side (f,)
+    points: NDArray[np.integer]  # Points of the facets (f, p)
+    flux: Array  # Change of {P.N} (f, p, d, n)
 
 
 class FluxChange(NamedTuple):
-    """What the flux of bodies at points changes in the tangent of an interface.
-
-    Attributes:
-        load: L dA (nq, jet, d).
-    """
+    """What the flux of bodies at points changes in the tangent of an interface."""
 
     of: PointFlux
-    load: Array
+    load: Array  # L dA (nq, jet, d)
 
     def add_to(self, matrices: Array, rows: slice, B: Array, trial: Field) -> None:
-        """Add to the matrices of some facets (f, m, n), whose columns are those of both sides.
-
-        Args:
-            B: Jets of the field of the rows (f, points per facet, jet, m).
-        """
+        """Add to the matrices of some facets (f, m, n), whose columns are those of both sides."""
         for piece in self.of.pieces(rows, trial):
             facets, width = piece.facets - rows.start, piece.flux.shape[-1]
             # The dofs of its own side, or of both.
@@ -130,7 +115,6 @@ class PointFlux:
         Args:
             stabilized: Tt dA (nq, d, jet).
             compliance: C = d zeta/dT (nq, d, d) [mm3/N]; None fixes zeta.
-            turning: Changes by a rotating frame; None fixes the frame.
         """
         if self._facets is not self.active.quadrature.facets:
             self._take_facets()
@@ -153,11 +137,7 @@ class PointFlux:
             yield from self.pieces(slice(start, start + count), trial)
 
     def pieces(self, facets: slice, trial: Field) -> Iterator[_Piece]:
-        """{P.N} by a field, on those sides of some facets that are at points.
-
-        Args:
-            trial: Displacements, or a field whose gradients are uniform in a cell.
-        """
+        """{P.N} by a field, on those sides of some facets that are at points."""
         for number, (_, rows, *_) in enumerate(self._sides):
             some = slice(*np.searchsorted(rows, (facets.start, facets.stop)))
             if some.start < some.stop:

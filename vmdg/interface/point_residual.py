@@ -40,11 +40,7 @@ def adjoint_directions(
 
 
 class PointResidual:
-    """q of one interface.
-
-    Args:
-        fluid: Pressure at the points; None for none.
-    """
+    """q of one interface."""
 
     def __init__(
         self,
@@ -62,7 +58,6 @@ class PointResidual:
         self._directions = fem.Function(quadrature.space((d,)))
 
     def compile(self) -> None:
-        """Compile the kernels now; collective."""
         _ = self._adjoint
 
     @cached_property

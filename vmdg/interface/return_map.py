@@ -24,44 +24,29 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Trial:
-    """Input of return maps at the points of one interface, or of several with one law.
+    """Input of return maps at the points of one interface, or of several with one law."""
 
-    Attributes:
-        total: {P.N} + r g, for a tie with the tensor tau_s: T (nq, d) [MPa].
-        opening: g (nq, d) [mm].
-        jump: [[P.N]] (nq, d) [MPa].
-        N: Reference normal (nq, d).
-        r: |tau_s| (nq,) [MPa/mm]; this and the following are None for a tie.
-        gap: zeta_n (nq, d) [mm].
-        softening: Q_n (nq,) [MPa].
-        overstress_modulus: k of :func:`map_back` (nq,) [MPa/mm]; None for the plain law.
-        cycles: Load cycles that the step represents (nq,); None for none.
-        F: Mean deformation gradient (nq, d, d); this and the following are None where the frame is
-            fixed.
-        initial_gap: Position on side 2 minus that on side 1, which turns with the frame (nq, d)
-            [mm]; None where they coincide.
-    """
-
-    total: Array
-    opening: Array
-    jump: Array
-    N: Array
-    r: Array | None = None
-    gap: Array | None = None
-    softening: Array | None = None
+    total: Array  # {P.N} + r g, for a tie with the tensor tau_s: T (nq, d) [MPa]
+    opening: Array  # g (nq, d) [mm]
+    jump: Array  # [[P.N]] (nq, d) [MPa]
+    N: Array  # Reference normal (nq, d)
+    r: Array | None = None  # |tau_s| (nq,) [MPa/mm]; this and the following are None for a tie
+    gap: Array | None = None  # zeta_n (nq, d) [mm]
+    softening: Array | None = None  # Q_n (nq,) [MPa]
+    # k of :func:`map_back` (nq,) [MPa/mm]; None for the plain law
     overstress_modulus: Array | None = None
-    cycles: Array | None = None
+    cycles: Array | None = None  # Load cycles that the step represents (nq,); None for none
+    # Mean deformation gradient (nq, d, d); this and the following are None where the frame is fixed
     F: Array | None = None
     R: Array | None = None
     W: Array | None = None
+    # Position on side 2 minus that on side 1, which turns with the frame (nq, d) [mm]; None where
+    # they coincide
     initial_gap: Array | None = None
 
 
 class ReturnMap:
     """T of (31) at the points of an interface, by the return map of its law (Boxes 2 and 3).
-
-    Args:
-        fluid: Pressure at the points; None for none.
 
     Attributes:
         turns: Whether the law works in a frame that rotates with the interface.
@@ -113,12 +98,7 @@ class ReturnMap:
         overstress_modulus: Array | None,
         cycles: Array | None,
     ) -> Trial:
-        """{P.N} + r g at the current displacement, and the other input of the law.
-
-        Args:
-            overstress_modulus: k of :func:`map_back` (nq,) [MPa/mm]; None for the plain law.
-            cycles: Load cycles that the step represents (nq,); None for none.
-        """
+        """{P.N} + r g at the current displacement, and the other input of the law."""
         d, facet = self._d, self._quadrature.facet
         one, two = self._traction()
         displacement, gradients = self._quadrature.field(self._u)
@@ -164,11 +144,8 @@ class ReturnMap:
         return self._traction()
 
     def tangent(self, values: PointValues) -> tuple[Array | None, TurningTangent | None]:
-        """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame.
-
-        Returns:
-            None for what the interface does not have.
-        """
+        """C = d zeta/dT (nq, d, d) [mm3/N], and the contributions of the rotating frame; None for
+        what the interface does not have."""
         if self._frame is None:
             return values.compliance, None
         inside = values.frame_total, values.frame_gap, values.frame_traction
@@ -180,8 +157,6 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
     """T of (31) by T_tr = {P.N} + r g - r zeta_n of (66).
 
     Args:
-        trial: From :meth:`ReturnMap.trial`, of one interface or of several with this law.
-        dt: Time step [s].
         last: Values of the last residual, with the tangent of its return map; if given, zeta is
             zeta_n. None for a return map.
     """
@@ -189,7 +164,6 @@ def evaluate(law: Law, trial: Trial, dt: float, last: PointValues | None = None)
         return PointValues(trial.opening, trial.jump, None, trial.total)
 
     def mapped(total: Array) -> PointValues:
-        """Values for {P.N} + r g in the frame of the law."""
         new = {"opening": trial.opening, "jump": trial.jump}
         if not law.inelastic:
             return PointValues(**new, gap=None, traction=total, compliance=np.zeros_like(trial.F))
@@ -216,7 +190,6 @@ def map_back(law: Law, load: Array, trial: Trial, dt: float, keep: bool = True) 
 
     Args:
         load: T_tr (nq, d) [MPa].
-        dt: Time step [s].
         keep: A law that writes into what it is given writes into copies. False if nothing but this
             call uses the arrays of a trial without k.
     """

@@ -11,20 +11,13 @@ from .active import ActiveInterface, pressed
 
 
 class Sliding(NamedTuple):
-    """Sliding distance of a point in contact.
+    """Sliding distance of a point in contact."""
 
-    Attributes:
-        ratio: The slip relative to the size of the facet; if 0 the other values are undefined.
-        point: Its position (3,) [mm].
-        slip: |zeta_T| [mm].
-        size: Length of the facet, in 3D the square root of its area [mm].
-    """
-
-    ratio: float
+    ratio: float  # The slip relative to the size of the facet; if 0 the other values are undefined
     facet: int = -1
-    point: NDArray[np.float64] | None = None
-    slip: float = 0.0
-    size: float = 0.0
+    point: NDArray[np.float64] | None = None  # Its position (3,) [mm]
+    slip: float = 0.0  # |zeta_T| [mm]
+    size: float = 0.0  # Length of the facet, in 3D the square root of its area [mm]
 
 
 def sliding(active: ActiveInterface) -> Sliding:

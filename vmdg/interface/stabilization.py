@@ -34,27 +34,20 @@ SAME_UNITS = "; are the units of strength, moduli, critical gap and mesh consist
 
 @dataclass(frozen=True)
 class Stabilization:
-    """Stabilization of an interface on the facets this rank owns.
+    """Stabilization of an interface on the facets this rank owns, with the scalar r of (57)."""
 
-    Attributes:
-        tau: tau_s, safety included (nf, d, d) [MPa/mm].
-        delta: Flux weights delta_1, delta_2 of (23) (nf, 2, d, d).
-        weights: Flux weights of the forms: delta, or its isotropic part for a rotating frame; zero
-            where a facet is left out, see :class:`.ActiveInterface` (nf, 2, d, d).
-        penalty: tau_s of the forms (nf, d, d) [MPa/mm]: ``tau``, or r I where the law can fail, so
-            that r is also that of the return map, or where its frame turns.
-        delta_s: (tau_1^-1 + tau_2^-1)^-1 of (25)-(26), without safety (nf, d, d) [mm3/N].
-        norm: |tau_s|, the scalar r of (57) (nf,) [MPa/mm].
-        safety: Factor in ``tau`` and ``norm`` on the derived tau_s (nf,).
-    """
-
-    tau: NDArray[np.float64]
-    delta: NDArray[np.float64]
+    tau: NDArray[np.float64]  # tau_s, safety included (nf, d, d) [MPa/mm]
+    delta: NDArray[np.float64]  # Flux weights delta_1, delta_2 of (23) (nf, 2, d, d)
+    # Flux weights of the forms: delta, or its isotropic part for a rotating frame; zero where a
+    # facet is left out, see :class:`.ActiveInterface` (nf, 2, d, d)
     weights: NDArray[np.float64]
+    # tau_s of the forms (nf, d, d) [MPa/mm]: ``tau``, or r I where the law can fail, so that r is
+    # also that of the return map, or where its frame turns
     penalty: NDArray[np.float64]
+    # (tau_1^-1 + tau_2^-1)^-1 of (25)-(26), without safety (nf, d, d) [mm3/N]
     delta_s: NDArray[np.float64]
-    norm: NDArray[np.float64]
-    safety: NDArray[np.float64]
+    norm: NDArray[np.float64]  # |tau_s|, the scalar r of (57) (nf,) [MPa/mm]
+    safety: NDArray[np.float64]  # Factor in ``tau`` and ``norm`` on the derived tau_s (nf,)
 
     @property
     def left_out(self) -> NDArray[np.bool_]:
@@ -252,9 +245,6 @@ class Stabilizer:
         """Whether a tau_s satisfies coercivity at another displacement, on this rank.
 
         The fraction of the bulk energy reserved by :mod:`vmdg.interface.coercivity` may be used up.
-
-        Args:
-            factor: Factor required by coercivity there (nf,).
         """
         if not self.automatic:
             return True
@@ -367,12 +357,7 @@ class Stabilizers:
         return needed
 
     def sample(self, chosen: Sequence[NDArray[np.bool_]] | None = None) -> Sample:
-        """Of the current displacement, laws and bodies; collective.
-
-        Args:
-            chosen: Facets whose factors are needed, those of others may be too small (nf,); None
-                for all.
-        """
+        """Of the current displacement, laws and bodies; collective."""
         derived = [one.derive() for one in self._interfaces]
         moduli = self._coercivity.moduli(self._of_derived(chosen)) if self._automatic else ()
         return derived, moduli
@@ -384,9 +369,6 @@ class Stabilizers:
         collective.
 
         Interfaces with a user-defined stabilization are left out.
-
-        Args:
-            chosen: Those of :meth:`sample`.
         """
         factors = [[np.ones(len(one.norm)) for one in derived] for derived, _ in samples]
         if not (samples and self._automatic):

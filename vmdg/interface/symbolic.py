@@ -52,9 +52,6 @@ def is_symbolic(active: ActiveInterface, bodies: Bodies) -> bool:
 class SymbolicInterface:
     """One interface on interior facets, with its coefficients.
 
-    Args:
-        eta: Test function of the residual; None to compile none.
-
     Attributes:
         pairs: Facets as rows (cell 1, facet in it, cell 2, facet in it), flat, and the bodies on
             their sides, of every pair of regions.
@@ -178,7 +175,6 @@ class SymbolicInterface:
         return sum(terms, start=ufl.Form([]))
 
     def compile(self, form: ufl.Form, name: str = "interface's residual") -> fem.Form:
-        """Compile a form with these coefficients; collective."""
         comm = self.active.quadrature.mesh.comm
         return compile_form(form, comm, name=name, submeshes=[self.submesh])
 

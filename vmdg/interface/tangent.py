@@ -38,16 +38,9 @@ void add_forces(long{", void *" * 6});
 
 
 class PointTangent:
-    """D of one interface: its tangent is int j(eta).D.j(du) dA.
+    """D of one interface: its tangent is int j(eta).D.j(du) dA."""
 
-    Args:
-        fluid: Pressure at the points; None for none.
-
-    Attributes:
-        moduli: H_a of both sides (2, nq, d, entries) at the last evaluation [MPa].
-    """
-
-    moduli: Array
+    moduli: Array  # H_a of both sides (2, nq, d, entries) at the last evaluation [MPa]
 
     def __init__(
         self,
@@ -160,7 +153,6 @@ class PointTangent:
 
         Args:
             dofs: Nodes of the cells in the vector (cells, nodes of a cell).
-            vector: Forces [N].
         """
         points, jets = self._quadrature.points_of_facet, self.jets
         nodes = dofs[self._quadrature.facets.cells]

@@ -81,36 +81,26 @@ class InterfaceState:
 
 @dataclass(frozen=True)
 class PointValues:
-    """Values at the points at the last evaluation, in the current configuration.
+    """Values at the points at the last evaluation, in the current configuration."""
 
-    Attributes:
-        opening: g (nq, d).
-        jump: [[P.N]] (nq, d).
-        gap: zeta (nq, d); None for a tie.
-        traction: T (nq, d).
-        compliance: C~ = d zeta~/dT~ of the last return map, in the frame of the law (nq, d, d);
-            None for a tie.
-        rotation: R of the frame (nq, d, d); None where the frame is fixed.
-        moment: M of the frame's couple (nq, d, d); None where the frame is fixed.
-        frame_gradient: Mean deformation gradient of the last return map (nq, d, d); with the next
-            three the data for the tangent of the rotating frame; None where it is fixed.
-        frame_total: R^T.({P.N} + r g) of the last return map (nq, d).
-        frame_gap: zeta~ of the last return map (nq, d).
-        frame_traction: T~ of the last return map (nq, d).
-        update: Result of the return map; None where zeta is at its converged value, and for a tie.
-    """
-
-    opening: NDArray[np.float64]
-    jump: NDArray[np.float64]
-    gap: NDArray[np.float64] | None
-    traction: NDArray[np.float64]
+    opening: NDArray[np.float64]  # g (nq, d)
+    jump: NDArray[np.float64]  # [[P.N]] (nq, d)
+    gap: NDArray[np.float64] | None  # zeta (nq, d); None for a tie
+    traction: NDArray[np.float64]  # T (nq, d)
+    # C~ = d zeta~/dT~ of the last return map, in the frame of the law (nq, d, d); None for a tie
     compliance: NDArray[np.float64] | None = None
+    # R of the frame (nq, d, d); None where the frame is fixed
     rotation: NDArray[np.float64] | None = None
+    # M of the frame's couple (nq, d, d); None where the frame is fixed
     moment: NDArray[np.float64] | None = None
+    # Mean deformation gradient of the last return map (nq, d, d); with the next three the data for
+    # the tangent of the rotating frame; None where it is fixed
     frame_gradient: NDArray[np.float64] | None = None
+    # R^T.({P.N} + r g) of the last return map (nq, d)
     frame_total: NDArray[np.float64] | None = None
-    frame_gap: NDArray[np.float64] | None = None
-    frame_traction: NDArray[np.float64] | None = None
+    frame_gap: NDArray[np.float64] | None = None  # zeta~ of the last return map (nq, d)
+    frame_traction: NDArray[np.float64] | None = None  # T~ of the last return map (nq, d)
+    # Result of the return map; None where zeta is at its converged value, and for a tie
     update: Update | None = None
 
     @property

@@ -351,7 +351,6 @@ def work_gradient(law: Law, update: Update, trial: Array, *known: Array | float)
     as a law may that starts from `Update.elastic`.
 
     Args:
-        trial: T_tr (n, d), MPa.
         known: Further arguments of the return map in order: normal, gap, softening, penalty etc.,
             arrays with one row per point or one number.
     """

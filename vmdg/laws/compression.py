@@ -167,14 +167,7 @@ def close(trial_n: Array, gap_n: Array, penalty: Array) -> Closure:
 
 
 def closes(length: Array, gap: Array, penalty: Array, load: Array) -> NDArray[np.bool_]:
-    """Whether the closure of a normal gap is more than round-off (m,).
-
-    Args:
-        length: Of the closure (m,), mm.
-        gap: zeta_n (m, d), mm.
-        penalty: r (m,), MPa/mm.
-        load: The larger of pressure and strength (m,), MPa.
-    """
+    """Whether the closure of a normal gap is more than round-off (m,)."""
     return length > ROUND_OFF * (load / penalty + np.sqrt(dot(gap, gap)))
 
 

@@ -26,18 +26,10 @@ class Criterion(ABC):
 
     @abstractmethod
     def energy(self, share: Array) -> tuple[Array, Array]:
-        """G_c/G_n (n,) and its derivative by phi.
-
-        Args:
-            share: phi (n,).
-        """
+        """G_c/G_n (n,) and its derivative by phi (n,)."""
 
     def flow_factor(self, cos: Array, sin: Array) -> tuple[Array, Array]:
-        """m (n,) and dm/dth.
-
-        Args:
-            cos, sin: of th in [0, pi/2] (n,).
-        """
+        """m (n,) and dm/dth, of th in [0, pi/2] (n,)."""
         k = self.shear_ratio
         linear = cos * cos + k * sin * sin
         share = k * sin * sin / linear

@@ -267,11 +267,7 @@ class Beginning(NamedTuple):
 
 
 class _Points:
-    """Points of a branch with fatigue.
-
-    Args:
-        cycles: Number of cycles (m,).
-    """
+    """Points of a branch with fatigue."""
 
     def __init__(self, law: FatigueDebonding, at: Start, cycles: Array):
         self.law, self.at, self.cycles = law, at, cycles
@@ -280,11 +276,7 @@ class _Points:
         return type(self)(self.law.at(mask), secant.some_of(self.at, mask), self.cycles[mask])
 
     def root(self, start: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """g at the end, at most 1, and where damage has stopped at the endurance limit.
-
-        Args:
-            start: Initial guess, more than g_n (m,).
-        """
+        """g at the end, at most 1, and where damage has stopped at the endurance limit."""
         lower, upper = self.at.g, np.ones_like(start)
         start = np.where(start < 1.0, start, 0.5 * (lower + 1.0))
 
@@ -465,7 +457,6 @@ class _Pressed(_Points):
         self._wear = law.wear(zero, zero + 1.0)
 
     def start(self) -> Beginning:
-        """At g_n."""
         ratio, _ = self._ratio(self.at.g)
         some = np.maximum(ratio, _LEAST)
         rate = self._wear.log_rate(some, self.law.life)

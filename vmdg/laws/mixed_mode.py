@@ -121,7 +121,6 @@ class MixedModeDebonding(ExtrinsicLaw):
 
     @cached_property
     def interaction(self) -> Criterion:
-        """The criterion with its exponent."""
         return criterion_of(self.criterion, self.exponent, self.shear_energy / self.normal_energy)
 
     @property
@@ -131,12 +130,10 @@ class MixedModeDebonding(ExtrinsicLaw):
 
     @cached_property
     def in_opening(self) -> Debonding:
-        """The law in pure opening."""
         return Debonding(self.normal_strength, 2.0 * self.normal_energy / self.normal_strength)
 
     @cached_property
     def in_shear(self) -> Debonding:
-        """The law in pure shear."""
         return Debonding(self.shear_strength, 2.0 * self.shear_energy / self.shear_strength)
 
     @cached_property
@@ -301,8 +298,6 @@ class MixedModeDebonding(ExtrinsicLaw):
         """d zeta/d T_tr (m, d, d).
 
         Args:
-            normal: N (m, d).
-            direction: t (m, d).
             k_t: |dzeta_T|/|T_tr,T| (m,), mm/MPa.
         """
         g, cos, sin, m = flow.g, flow.cos, flow.sin, flow.m

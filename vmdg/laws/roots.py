@@ -25,8 +25,6 @@ def increasing_root(
 
     Args:
         function: x (n,) to values (n,) and slopes (n,).
-        lower, upper: bracket (n,).
-        start: initial guess (n,) inside the bracket.
 
     Returns:
         The roots, to round-off of the initial `upper` and, away from zero, of the root itself.

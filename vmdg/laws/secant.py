@@ -254,10 +254,6 @@ def _spent(law: RigidLaw, at: Start, g: Array, cos: Array, sin: Array) -> Spent:
     rotates. With G = P_n zeta_n cos^2 + P_s zeta_s sin^2 it is m G (D(x) - D(x_n)), where K =
     s(x)/(x m) and D' = (s - s' x)/2, so that its derivative by K is -G (m x)^2/2 and by m G (D(x) -
     s x/2 - D(x_n) + s_n x_n/2).
-
-    Args:
-        g: g at the end (m,).
-        cos, sin: cosine and sine of th at the end (m,).
     """
     opening, shear = Scaled(law.in_opening), Scaled(law.in_shear)
     y_n, y_t = reduced_gap(law, at)
@@ -312,11 +308,8 @@ Points = TypeVar("Points", Start, Sheared, Rubbing)
 
 
 def rub(shear: Scaled, at: Sheared, g: Array) -> Rubbing:
-    """Friction parallel to the spring for a known g.
-
-    Args:
-        g: Largest gap (m,), zero where the bond is intact and rigid.
-    """
+    """Friction parallel to the spring for a known largest gap g (m,), zero where the bond is intact
+    and rigid."""
     load, held, cap, r = at
     s, _ = shear.at(g)
     bonded = np.divide(s * shear.modulus, g, out=np.zeros_like(g), where=g > 0.0)
@@ -373,11 +366,8 @@ def _pressed(law: RigidLaw, update: Update, at: Start) -> None:
 
 
 def _grown(shear: Scaled, at: Sheared, start: Array) -> Array:
-    """Root g > g_n of r zeta_s g + P_s s(g) = |T*_T - d mu |T_N| n|, where K falls.
-
-    Args:
-        start: g_n (m,).
-    """
+    """Root g > g_n of r zeta_s g + P_s s(g) = |T*_T - d mu |T_N| n|, where K falls, from g_n
+    (m,)."""
     r = at.penalty
 
     def imbalance(g: Array) -> tuple[Array, Array]:
@@ -419,7 +409,6 @@ def pressed_tangent(
     dg/d T_tr (m, d).
 
     Args:
-        g: Largest gap at the end (m,).
         worn: For points with fatigue, at r zeta_s g + P_s s = |w|/lambda instead of on their curve:
             lambda and, in MPa, lambda times the left-hand side over d ln(rate)/d ln(lambda) and the
             growth of g (m,).

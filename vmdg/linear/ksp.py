@@ -172,14 +172,10 @@ def linear_tolerance(norms: list[float], goal: float) -> float:
 
 
 class LinearOptions(NamedTuple):
-    """The linear solver of a problem.
-
-    Attributes:
-        fallback: Those of the direct solver where an iterative one does not converge.
-    """
+    """The linear solver of a problem."""
 
     solver: Petsc
-    fallback: Petsc
+    fallback: Petsc  # Those of the direct solver where an iterative one does not converge
     automatic: bool
 
 
@@ -214,7 +210,6 @@ class LinearSolver:
     the options set one.
 
     Args:
-        matrix: The tangent, of type :func:`matrix_kind` or the other type.
         options: Options of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
 
     Attributes:

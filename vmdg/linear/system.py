@@ -267,11 +267,8 @@ class System:
         return found
 
     def condensed(self, motions: Array) -> Array:
-        """Schur complement of K for motions T of prescribed dofs (k, k); collective [N/mm].
-
-        Args:
-            motions: T^T over owned dofs (k, owned).
-        """
+        """Schur complement of K (k, k) for motions of prescribed dofs, T^T over owned dofs (k,
+        owned); collective [N/mm]."""
         self._assemble()
         works = self._works_of(motions)
         found = self._solve_held(np.zeros_like(motions), motions, PRECISE)
@@ -349,7 +346,6 @@ class System:
         return self._discretization.uniform_forces(gradient, adjoint) if gradient.any() else 0.0
 
     def free(self) -> None:
-        """Free the PETSc objects; collective."""
         self._free_matrix()
         for item in (self._x, self._b):
             item.destroy()

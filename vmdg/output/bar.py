@@ -26,12 +26,8 @@ def interval() -> float:
 
 
 def shown(history: History, wanted: Sequence[str] | str | None) -> list[str]:
-    """Columns of the last row that the bar shows.
-
-    Args:
-        wanted: Their names, or one name; None for the first ones called force or reaction, possibly
-            with suffixes as in "force_x".
-    """
+    """Columns of the last row that the bar shows: those wanted, else the first ones called force or
+    reaction, possibly with suffixes as in "force_x"."""
     row = history.rows[-1]
     if wanted is None:
         forces = [name for name in row if set(name.lower().split("_")) & set(FORCES)]

@@ -36,12 +36,7 @@ def _around(entities: list[list[int]]) -> NDArray[np.int32]:
 def positions_and_displacements(
     problem: Problem, cells: NDArray[np.int32], corners: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Reference positions (n, c, 3) and displacements (n, c, d) of corners of cells [mm].
-
-    Args:
-        cells: Local cells (n,).
-        corners: Corner numbers in them (n, c).
-    """
+    """Reference positions (n, c, 3) and displacements (n, c, d) of corners of cells [mm]."""
     mesh = problem.mesh
     nodes = compat.geometry_dofmap(mesh)[cells[:, None], corners]
     u = whole_displacement(problem)
@@ -57,15 +52,10 @@ def corner_dofs(problem: Problem) -> NDArray[np.int32]:
 
 
 def nodal_means(problem: Problem, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means over the cells around every node of the displacement; collective.
+    """Means over the cells around every node, for the corners of owned cells in cell order, of
+    values given in that order (n, corners); collective.
 
     Values on both sides of an open interface belong to different nodes.
-
-    Args:
-        values: Values at the corners of owned cells (n, corners), in cell order.
-
-    Returns:
-        The means, in the same order.
     """
     dofs = problem.space.dofmap.list[: len(values)][:, corner_dofs(problem)]
     total = fem.Function(problem.space)

@@ -115,7 +115,6 @@ class InterfaceFields:
 
     @staticmethod
     def _set(function: fem.Function, cells: NDArray[np.intp], values: NDArray) -> None:
-        """Write values (n, corners or 1, ...) at the corners of cells."""
         bs = function.function_space.dofmap.index_map_bs
         dofs = function.function_space.dofmap.list[cells]
         function.x.array.reshape(-1, bs)[dofs] = values.reshape(*values.shape[:2], bs)

@@ -272,7 +272,6 @@ class HistoryFile:
     one run at a time may write the file.
 
     Args:
-        comm: Communicator; its rank 0 writes.
         path: The file; None for no file.
     """
 

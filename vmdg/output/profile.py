@@ -99,9 +99,7 @@ def _arc_length(
     """Arc length of points on a chain of facets (n,).
 
     Args:
-        nodes: All corners (m, 3).
         vertices: The two corners of the facet of each point (2, n).
-        points: Positions (n, 3).
     """
     facets, facet = np.unique(np.sort(vertices, axis=0), axis=1, return_inverse=True)
     facet = facet.ravel()

@@ -56,11 +56,7 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
 
 
 def values_at_points(problem: Problem, interface: Which, quantity: Quantity) -> NDArray[np.float64]:
-    """Values of a quantity at the points of an interface this rank owns (nq,); collective.
-
-    Args:
-        quantity: A name as for :func:`scalar`, or a function of a state with one value per point.
-    """
+    """Values of a quantity at the points of an interface this rank owns (nq,); collective."""
 
     def evaluated() -> NDArray[np.float64]:
         if isinstance(quantity, str):

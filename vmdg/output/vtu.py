@@ -35,9 +35,7 @@ class Series:
     after every time. Cells have points of their own.
 
     Args:
-        folder: Made by the first rank.
         functions: Discontinuous functions on one mesh; shown with degree 2 at most.
-        titles: Names of the functions in the files.
     """
 
     def __init__(self, folder: Path, functions: list[fem.Function], titles: list[str]):

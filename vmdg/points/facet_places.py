@@ -33,19 +33,12 @@ _DECLARATIONS = f"void places(long{', void *' * 13});"
 
 
 class FacetPlaces(NamedTuple):
-    """Places of the points on one of the two facets of their segment.
+    """Places of the points on one of the two facets of their segment."""
 
-    Attributes:
-        reference: Positions in the reference cell (ns, points, d).
-        positions: X (ns, points, d) [mm].
-        normals: Unit normal, outward (ns, points, d).
-        stretch: Area per area in the plane of the segment (ns, points).
-    """
-
-    reference: Array
-    positions: Array
-    normals: Array
-    stretch: Array
+    reference: Array  # Positions in the reference cell (ns, points, d)
+    positions: Array  # X (ns, points, d) [mm]
+    normals: Array  # Unit normal, outward (ns, points, d)
+    stretch: Array  # Area per area in the plane of the segment (ns, points)
 
 
 class FacetPolynomials:
@@ -83,10 +76,7 @@ class FacetPolynomials:
         """Places on facets of the surface, one for each of some segments.
 
         Args:
-            rows: The facets (ns,).
             plane: Coordinates in the planes (ns, points, d - 1) [mm].
-            u: Displacement in whose configuration the planes are; None for the reference
-                configuration.
         """
         current, (count, points, _), d = self._reference, plane.shape, self._mesh.geometry.dim
         if u is not None:

@@ -32,28 +32,18 @@ from .interface import ALL, Interface, PairRule
 
 @dataclass(frozen=True)
 class InterfaceFacets:
-    """The facets of one interface on this rank, with their sides.
+    """The facets of one interface on this rank, with their sides."""
 
-    Attributes:
-        facets: Owned facets, ascending, (nf,).
-        cells: Cell of side 1 and of side 2, (nf, 2).
-        local: Number of the facet within these cells, (nf, 2).
-        tags: Cell tags of the two sides, (nf, 2).
-        everywhere: The same interface including the facets of other ranks known here (ghosts).
-        damage: Initial damage of the bond (nf,), 1 where it is broken.
-        law: The law on these facets: parameters that vary are arrays (nf,).
-        walled: Whether one side of every facet is a rigid wall; the same on all ranks.
-    """
-
-    facets: NDArray[np.int32]
-    cells: NDArray[np.int32]
-    local: NDArray[np.int32]
-    tags: NDArray[np.int32]
+    facets: NDArray[np.int32]  # Owned facets, ascending, (nf,)
+    cells: NDArray[np.int32]  # Cell of side 1 and of side 2, (nf, 2)
+    local: NDArray[np.int32]  # Number of the facet within these cells, (nf, 2)
+    tags: NDArray[np.int32]  # Cell tags of the two sides, (nf, 2)
+    # The same interface including the facets of other ranks known here (ghosts)
     everywhere: NDArray[np.int32]
-    damage: NDArray[np.float64]
-    law: Law
+    damage: NDArray[np.float64]  # Initial damage of the bond (nf,), 1 where it is broken
+    law: Law  # The law on these facets: parameters that vary are arrays (nf,)
     label: str
-    walled: bool = False
+    walled: bool = False  # Whether one side of every facet is a rigid wall; the same on all ranks
 
     @property
     def cut(self) -> NDArray[np.int32]:
@@ -142,9 +132,6 @@ def find_facets(
     Side 1 has the lower tag; for equal tags it is the cell inside the level set, or else the cell
     whose midpoint comes first along the first coordinate in which the two midpoints differ, which
     is independent of the partition.
-
-    Args:
-        label: Name of the interface in messages; None for its name or place.
     """
     comm, label = mesh.comm, label or str(interface)
     fdim = mesh.topology.dim - 1
@@ -226,12 +213,7 @@ def _on_walls(mesh: Mesh, tags: NDArray[np.int32], walls: Collection[int], label
 def _between_groups(
     mesh: Mesh, between: str | PairRule, tags: NDArray[np.int32], label: str
 ) -> NDArray[np.bool_]:
-    """Mask of the facets between any two groups, or between those selected by a user's function.
-
-    Args:
-        tags: Tags of the two cells of every local facet (nf, 2), UNTAGGED on the boundary of the
-            mesh.
-    """
+    """Mask of the facets between any two groups, or between those selected by a user's function."""
     chosen = (tags[:, 0] != tags[:, 1]) & (tags != UNTAGGED).all(axis=1)
     if between == ALL:
         return chosen
@@ -369,9 +351,6 @@ def facet_values(
     Args:
         given: A number, an array like ``interface.facets``, f(x) of midpoints x (3, n) [mm], or a
             scalar Function on the mesh: the mean of both sides at the midpoints.
-        facets: Owned facets (nf,).
-        cells: Their cells (nf, 2).
-        what: Its name and that of the interface, for messages.
     """
     fdim = mesh.topology.dim - 1
     if isinstance(given, Weibull):

@@ -34,21 +34,14 @@ StabilizationRule = Callable[[NDArray, NDArray, "StabilizationContext"], tuple[N
 
 @dataclass(frozen=True)
 class StabilizationContext:
-    """Context of a user's ``stabilization(tau1, tau2, context)``; side 1 first.
-
-    Attributes:
-        cells: Local cells of the two sides, (nf, 2).
-        local_facets: Number of the facet within these cells, (nf, 2).
-        facets: Local facets of the mesh, (nf,).
-        N: Mean reference normal, outward from side 1, (nf, d).
-        area: meas(gamma_s) [mm2; mm in plane strain], (nf,); of the full circle in axisymmetry.
-    """
+    """Context of a user's ``stabilization(tau1, tau2, context)``; side 1 first."""
 
     u: Any
-    cells: NDArray[np.int32]
-    local_facets: NDArray[np.int32]
-    facets: NDArray[np.int32]
-    N: NDArray[np.float64]
+    cells: NDArray[np.int32]  # Local cells of the two sides, (nf, 2)
+    local_facets: NDArray[np.int32]  # Number of the facet within these cells, (nf, 2)
+    facets: NDArray[np.int32]  # Local facets of the mesh, (nf,)
+    N: NDArray[np.float64]  # Mean reference normal, outward from side 1, (nf, d)
+    # meas(gamma_s) [mm2; mm in plane strain], (nf,); of the full circle in axisymmetry
     area: NDArray[np.float64]
 
 

@@ -25,15 +25,10 @@ Array = NDArray[np.float64]
 
 
 class Block(NamedTuple):
-    """The jets of a field on some facets.
+    """The jets of a field on some facets."""
 
-    Attributes:
-        blocks: Local nodes of the two cells, or the cells themselves (f, n).
-        matrix: B (f, points per facet, jet, n times the components of a block).
-    """
-
-    blocks: NDArray[np.int32]
-    matrix: Array
+    blocks: NDArray[np.int32]  # Local nodes of the two cells, or the cells themselves (f, n)
+    matrix: Array  # B (f, points per facet, jet, n times the components of a block)
 
 
 class FacetJets:

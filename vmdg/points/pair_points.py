@@ -38,21 +38,14 @@ _FLAT = 1e-12
 
 
 class Rule(NamedTuple):
-    """Points and weights on segments of one shape.
+    """Points and weights on segments of one shape."""
 
-    Attributes:
-        corners: Shares of the corners in the places of the points (nq, c).
-        slopes: Their derivatives in the reference shape (d - 1, nq, c).
-        weights: Weights in the reference shape (nq,).
-    """
-
-    corners: Array
-    slopes: Array
-    weights: Array
+    corners: Array  # Shares of the corners in the places of the points (nq, c)
+    slopes: Array  # Their derivatives in the reference shape (d - 1, nq, c)
+    weights: Array  # Weights in the reference shape (nq,)
 
     @classmethod
     def of(cls, kind: basix.CellType, points: Array, weights: Array) -> Rule:
-        """From points of the reference shape (nq, d - 1)."""
         corners, *slopes = basix.ufl.element("Lagrange", kind, 1).tabulate(1, points)
         return cls(corners, np.array(slopes), weights)
 
@@ -133,15 +126,8 @@ class PairPoints(Points):
         self.take(facets)
 
     def take(self, facets: PairedFacets, u: fem.Function | None = None) -> bool:
-        """Take other pairs; collective.
-
-        Args:
-            u: Displacement in whose configuration they are; None for the reference configuration.
-
-        Returns:
-            Whether evaluators and functions of points must be made again: on some rank there are
-            more points than room.
-        """
+        """Take other pairs; whether evaluators and functions of points must be made again, as on
+        some rank there are more points than room; collective."""
         self.facets, segments, d = facets, facets.segments, self.d
         corners = segments.corners[:, self._order]
         rule = self._rule

@@ -88,19 +88,12 @@ _REMEDY = (
 
 
 class Surface(NamedTuple):
-    """Facets of one body, possibly none of which lies opposite the other one.
+    """Facets of one body, possibly none of which lies opposite the other one."""
 
-    Attributes:
-        facets: Local facets, ascending (n,): owned ones of side 1, all of side 2.
-        cells: Their cells (n,).
-        local: Their numbers in these (n,).
-        ends: Distances from a sharp edge or an end of the surface, see :func:`_with_ends` (n,)
-            [mm].
-    """
-
-    facets: NDArray[np.int32]
-    cells: NDArray[np.int32]
-    local: NDArray[np.int32]
+    facets: NDArray[np.int32]  # Local facets, ascending (n,): owned ones of side 1, all of side 2
+    cells: NDArray[np.int32]  # Their cells (n,)
+    local: NDArray[np.int32]  # Their numbers in these (n,)
+    # Distances from a sharp edge or an end of the surface, see :func:`_with_ends` (n,) [mm]
     ends: NDArray[np.float64]
 
     def owned(self, mesh: Mesh) -> Surface:
@@ -110,27 +103,20 @@ class Surface(NamedTuple):
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Two surfaces that share no nodes, side 1 first.
-
-    Attributes:
-        damage: Initial damage of the bond, by facets of side 1 (n,).
-        slides: Whether bodies slide: damage and law are those of the facets of side 1.
-        moves: Whether they are paired again in every state, which they are not at small strain.
-        thickness: Of the thicker body, see :func:`_thickness` [mm].
-    """
+    """Two surfaces that share no nodes, side 1 first."""
 
     mesh: Mesh
     whole: tuple[Surface, Surface]
     tags: NDArray[np.int32]
-    damage: NDArray[np.float64]
+    damage: NDArray[np.float64]  # Initial damage of the bond, by facets of side 1 (n,)
     law: Law
     label: str
     walled: bool
     first: int
     gaps: bool
-    slides: bool
-    moves: bool
-    thickness: float
+    slides: bool  # Whether bodies slide: damage and law are those of the facets of side 1
+    moves: bool  # Whether they are paired again in every state, which they are not at small strain
+    thickness: float  # Of the thicker body, see :func:`_thickness` [mm]
 
     @cached_property
     def sides(self) -> tuple[Surface, Surface]:
@@ -185,7 +171,6 @@ class Surfaces:
         """The pairs in the configuration of a displacement.
 
         Args:
-            u: The displacement; None for the reference configuration.
             bonded: Facets of side 1 whose bond holds, (n,): their pairs, the first ones, are those
                 of the reference configuration. None for none.
         """

@@ -52,41 +52,31 @@ class Points:
 
     All arrays have one row per point on the facets this rank owns, so history needs no
     communication.
-
-    Attributes:
-        facets: Facets of the interface, or the segments that take their place.
-        points: Reference positions, of side 1 (nq, 3) [mm].
-        weights: Reference area of the points (nq,) [mm2; mm in plane strain]; of the full circle, 2
-            pi r ds, in axisymmetry.
-        normal: Reference normal of the law, outward from side 1 (nq, d); that of side 2, reversed,
-            where this side leads.
-        outward: Outward normals N_1, and N_2 dS_2/dS_1 = -M_2 (2, nq, d).
-        facet: Index of the point's facet in ``facets.facets`` (nq,).
-        points_of_facet: Points of every facet (nf, points per facet).
-        area: Sum of the weights of every facet (nf,).
-        extent: Length of the facets, in 3D the square root of their area (nf,) [mm].
-        initial_gap: Position on side 2 minus that on side 1 where it is no opening (nq, d) [mm];
-            None where they coincide.
-        distance: The same where it is one; None for no such points.
-        leads: Shares of both sides in the F of the frame of the law (nq, 2).
     """
 
     mesh: Mesh
-    facets: InterfaceFacets
+    facets: InterfaceFacets  # Facets of the interface, or the segments that take their place
     degree: int
     d: int
     geometry: Geometry
-    points: NDArray[np.float64]
+    points: NDArray[np.float64]  # Reference positions, of side 1 (nq, 3) [mm]
+    # Reference area of the points (nq,) [mm2; mm in plane strain]; of the full circle, 2 pi r ds,
+    # in axisymmetry
     weights: NDArray[np.float64]
+    # Reference normal of the law, outward from side 1 (nq, d); that of side 2, reversed, where this
+    # side leads
     normal: NDArray[np.float64]
-    outward: NDArray[np.float64]
-    facet: NDArray[np.int32]
-    points_of_facet: NDArray[np.int32]
-    area: NDArray[np.float64]
+    outward: NDArray[np.float64]  # Outward normals N_1, and N_2 dS_2/dS_1 = -M_2 (2, nq, d)
+    facet: NDArray[np.int32]  # Index of the point's facet in ``facets.facets`` (nq,)
+    points_of_facet: NDArray[np.int32]  # Points of every facet (nf, points per facet)
+    area: NDArray[np.float64]  # Sum of the weights of every facet (nf,)
+    # Length of the facets, in 3D the square root of their area (nf,) [mm]
     extent: NDArray[np.float64]
+    # Position on side 2 minus that on side 1 where it is no opening (nq, d) [mm]; None where they
+    # coincide
     initial_gap: NDArray[np.float64] | None = None
-    distance: NDArray[np.float64] | None = None
-    leads: Array
+    distance: NDArray[np.float64] | None = None  # The same where it is one; None for no such points
+    leads: Array  # Shares of both sides in the F of the frame of the law (nq, 2)
 
     @property
     def kept(self) -> slice:
@@ -200,10 +190,8 @@ class Points:
         return _PointExpressions(self, u, bodies, shape, expression, name, fluid)
 
     def bubble_factors(self) -> Array:
-        """(int_gamma b_s dA)^2 / meas(gamma) of (21) on the facets of both sides (2, nf).
-
-        [mm2; mm in plane strain].
-        """
+        """(int_gamma b_s dA)^2 / meas(gamma) of (21) on the facets of both sides (2, nf) [mm2; mm
+        in plane strain]."""
         sides = zip(self.facets.cells.T, self.facets.local.T, strict=True)
         return np.stack([self.bubble_factors_of(*side) for side in sides])
 

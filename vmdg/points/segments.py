@@ -63,15 +63,10 @@ void pieces(long{", void *" * 6});
 
 @dataclass(frozen=True, eq=False)
 class FlatFacets:
-    """Facets by their corners.
+    """Facets by their corners."""
 
-    Attributes:
-        corners: In order around each facet (n, c, d) [mm].
-        normals: Unit normals, outward (n, d).
-    """
-
-    corners: Array
-    normals: Array
+    corners: Array  # In order around each facet (n, c, d) [mm]
+    normals: Array  # Unit normals, outward (n, d)
 
     @classmethod
     def of(cls, corners: Array, inside: Array) -> FlatFacets:
@@ -134,30 +129,22 @@ class Segments(NamedTuple):
     """Intersections of facets of two surfaces in planes of the first surface.
 
     Those of quadrilaterals are quadrilaterals, in order around; with a repeated corner triangles.
-
-    Attributes:
-        first: Facet of the first surface (n,).
-        second: Facet of the second one (n,).
-        corners: Corners in the plane (n, c, d - 1) [mm].
-        origins: Origin of the plane (n, d) [mm].
-        axes: Its orthonormal axes (n, d - 1, d).
-        one, two: The whole facets in the plane (n, k, d - 1) [mm].
-        away: Distance of the second facet along the normal of the first, at the middle (n,),
-            negative where bodies overlap [mm].
     """
 
-    first: Numbers
-    second: Numbers
-    corners: Array
-    origins: Array
-    axes: Array
+    first: Numbers  # Facet of the first surface (n,)
+    second: Numbers  # Facet of the second one (n,)
+    corners: Array  # Corners in the plane (n, c, d - 1) [mm]
+    origins: Array  # Origin of the plane (n, d) [mm]
+    axes: Array  # Its orthonormal axes (n, d - 1, d)
+    # one, two: The whole facets in the plane (n, k, d - 1) [mm]
     one: Array
     two: Array
+    # Distance of the second facet along the normal of the first, at the middle (n,), negative where
+    # bodies overlap [mm]
     away: Array
 
     @property
     def measures(self) -> Array:
-        """Lengths, or areas (n,) [mm; mm2]."""
         return np.abs(_measures(self.corners))
 
     def follows(self) -> Array:
@@ -187,7 +174,6 @@ def cut(
     facet of either body is between them, see :func:`_facing`.
 
     Args:
-        most: Largest distance or overlap [mm].
         reach: Largest distance, not overlap, relative to the radius of the larger facet.
         whole: The first surface, and which of its facets ``first`` are.
     """
@@ -229,10 +215,6 @@ def _facing(
     the point y of side 2 that is nearest to the middle of this line, D < |s|/2 away on a facet with
     another normal N_2, side 1 is at y - D' N_2 with D <= D' < |s|/2. So the ends of a shaft that
     leaves its hole are no pair, though its interference is in front of the other end of the hole.
-
-    Args:
-        x: Their middles (n, d) [mm].
-        mine: Their facets of side 1 (n,).
     """
     one, two = bodies
     normals, theirs = one.facets.normals[mine], segments.second
@@ -435,10 +417,6 @@ def _counterclockwise(polygons: Array) -> Array:
 
 def clipped(window: Array, polygons: Array) -> tuple[Array, NDArray[np.int64]]:
     """Intersections of convex polygons, by Sutherland and Hodgman.
-
-    Args:
-        window: Counterclockwise polygons (n, c, 2).
-        polygons: Others (n, c, 2).
 
     Returns:
         Corners of the intersections (n, 5 c, 2), and their numbers (n,), possibly zero; corners

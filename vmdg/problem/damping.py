@@ -72,11 +72,7 @@ def checked_viscosity(viscosity: Viscosity) -> Viscosity:
 
 
 class Damping:
-    """Viscous forces of a problem.
-
-    Args:
-        density: Mass per reference volume, a Function of degree 0.
-    """
+    """Viscous forces of a problem."""
 
     def __init__(self, discretization: Discretization, density: fem.Function, rayleigh: Rayleigh):
         self.rayleigh = rayleigh
@@ -124,10 +120,6 @@ class Damping:
         """Forces of beta K in a step to the current displacement, of owned dofs; collective [N].
 
         beta F.dS/dt, with the change of S in the step: nothing for a rotation, and no moment.
-
-        Args:
-            before: Displacement at its start, over local dofs [mm].
-            h: The step [s].
         """
         discretization = self._discretization
         if not self.rayleigh.beta:

@@ -64,7 +64,6 @@ class Eigenstrains:
         self.values, self.apply = bodies.eigenstrains, bodies.set_eigenstrains
 
     def parts(self, t: float) -> Iterator[Part]:
-        """Values of every tag at load factor ``t``."""
         for tag, strain in self._bodies.strains(t):
             yield Part(f"eigenstrain of tag {tag}", np.atleast_1d(strain), np.zeros((3, 0)))
 

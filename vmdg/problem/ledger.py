@@ -31,54 +31,35 @@ SUDDEN = 1e-12
 
 
 class WorkInMotion(NamedTuple):
-    """What motion adds to the works of a step in time.
+    """What motion adds to the works of a step in time."""
 
-    Attributes:
-        viscous: Viscous forces on owned prescribed dofs at the start and at the end [N].
-        inertial: This rank's work of supports on the mass of their nodes [N mm].
-        damped: This rank's work of viscous forces [N mm].
-        share: Weight of the end of the step in the other works of loads and supports.
-    """
-
+    # Viscous forces on owned prescribed dofs at the start and at the end [N]
     viscous: tuple[NDArray[np.float64], NDArray[np.float64]]
-    inertial: float
-    damped: float
-    share: float = 0.5
+    inertial: float  # This rank's work of supports on the mass of their nodes [N mm]
+    damped: float  # This rank's work of viscous forces [N mm]
+    share: float = 0.5  # Weight of the end of the step in the other works of loads and supports
 
 
 class _Forces(NamedTuple):
-    """Internal forces, the derivative of the energy of bodies and interfaces.
+    """Internal forces, the derivative of the energy of bodies and interfaces."""
 
-    Attributes:
-        residual: Forces on displacements minus loads, owned dofs [N].
-        loads: Over local dofs [N].
-        at_gaps: Forces -T dA on zeta (n,) [N; N/mm in plane strain].
-    """
-
-    residual: NDArray[np.float64]
-    loads: NDArray[np.float64]
-    at_gaps: NDArray[np.float64]
+    residual: NDArray[np.float64]  # Forces on displacements minus loads, owned dofs [N]
+    loads: NDArray[np.float64]  # Over local dofs [N]
+    at_gaps: NDArray[np.float64]  # Forces -T dA on zeta (n,) [N; N/mm in plane strain]
 
 
 @dataclass
 class _Start:
-    """Start and type of a step.
-
-    Attributes:
-        loads: Over local dofs [N].
-        dt: Time step [s].
-        added: Energy added by its tau_s [N mm].
-        rate: Derivative of the energy by the eigenstrains [N mm].
-    """
+    """Start and type of a step."""
 
     state: Snapshot
-    loads: NDArray[np.float64]
+    loads: NDArray[np.float64]  # Over local dofs [N]
     fluids: tuple[NDArray[np.float64], NDArray[np.float64]]
-    dt: float
+    dt: float  # Time step [s]
     slowed: bool
     cycles: float
-    added: float = 0.0
-    rate: float = 0.0
+    added: float = 0.0  # Energy added by its tau_s [N mm]
+    rate: float = 0.0  # Derivative of the energy by the eigenstrains [N mm]
     forces: _Forces | None = None
 
 
@@ -114,11 +95,7 @@ class Ledger:
             self._start.forces = _Forces(residual, self._loading.vector, self._gap_forces())
 
     def commit(self, motion: WorkInMotion | None = None) -> None:
-        """Record the step at its current state; collective.
-
-        Args:
-            motion: Works of a step in time; None in statics.
-        """
+        """Record the step at its current state; collective."""
         for active in self.discretization.active.values():
             active.settle()
         if motion is None:
@@ -153,11 +130,7 @@ class Ledger:
         self, start: Snapshot, loads: NDArray[np.float64], before: Works, finish: bool
     ) -> Works:
         """Works of the step for the current state if it had begun in another state, with other
-        works; the ledger is left as it was; collective.
-
-        Args:
-            loads: Its loads, local dofs [N].
-        """
+        works and loads, local dofs [N]; the ledger is left as it was; collective."""
         begun, works = self._start, self.works
         self._start = replace(begun, state=start, loads=loads, forces=None)
         self.works = before
@@ -173,11 +146,8 @@ class Ledger:
         return self._start.state, self._start.loads
 
     def energy(self, anew: bool = False) -> Energy:
-        """Energies at the current state, with works as recorded; collective.
-
-        Args:
-            anew: What materials are made of may have changed since the last residual.
-        """
+        """Energies at the current state, with works as recorded; ``anew`` if what materials are
+        made of may have changed since the last residual; collective."""
         bulk, interface, springs = self.discretization.stored_energy(anew)
         done = *self.works.dissipated, *self.works.external
         values = [bulk, interface, *done, springs, self.works.plastic]
@@ -339,10 +309,8 @@ class Ledger:
         return float(forces.residual @ u[: self.discretization.owned] + forces.loads @ u + at_gaps)
 
     def _curvature(self, pending: Pending) -> float:
-        """Error of the trapezoidal rule in the first integral of :mod:`.work`; collective.
-
-        [N mm], the same on every rank.
-        """
+        """Error of the trapezoidal rule in the first integral of :mod:`.work`, the same on every
+        rank [N mm]; collective."""
         now, start, t = self.discretization, pending.start, self._loading.t
         u, residual = now.u.x.array.copy(), now.forces.x.array.copy()
         values = [active.values for active in now.active.values()]

@@ -62,19 +62,14 @@ class Ray:
 
 
 class Given(NamedTuple):
-    """Information on the loads and supports given so far.
+    """Information on the loads and supports given so far."""
 
-    Attributes:
-        loaded: Whether dead loads act on a cell, for every local cell.
-        starts: Initial displacement of all local dofs for every support with ``relative=True``, in
-            the order given [mm].
-        filled: Numbers of the interfaces with a fluid between their faces.
-        calls: Every support and load as a function that imposes it in a new space.
-    """
-
-    loaded: NDArray[np.bool_]
+    loaded: NDArray[np.bool_]  # Whether dead loads act on a cell, for every local cell
+    # Initial displacement of all local dofs for every support with ``relative=True``, in the order
+    # given [mm]
     starts: list[Array]
-    filled: set[int]
+    filled: set[int]  # Numbers of the interfaces with a fluid between their faces
+    # Every support and load as a function that imposes it in a new space
     calls: list[Callable[[Loading], None]]
 
 
@@ -233,11 +228,8 @@ class Loading:
     # Load factor
 
     def set_ray(self, start: float, end: float) -> bool:
-        """Treat loads as linear between two load factors from now on, if they are; collective.
-
-        Returns:
-            False, with loads used as given, if they are not linear or do not change.
-        """
+        """Treat loads as linear between two load factors from now on; False, with loads used as
+        given, if they are not linear or do not change; collective."""
         self.clear_ray()
         if start == end:
             return False

@@ -30,11 +30,7 @@ UNLIKE = 1e6
 def checked_density(
     comm: MPI.Comm, density: Mapping[int, float], deformable: set[int]
 ) -> dict[int, float]:
-    """Density by tag; warns of values that are probably in different units; collective.
-
-    Args:
-        deformable: Tags of the bodies that are not rigid walls.
-    """
+    """Density by tag; warns of values that are probably in different units; collective."""
     for tag, rho in density.items():
         if isinstance(rho, bool) or not isinstance(rho, Real):
             raise TypeError(f"Problem: density of tag {tag} = {rho!r} must be a number")
@@ -59,31 +55,20 @@ def checked_density(
 
 
 class Plan(NamedTuple):
-    """Where an explicit run is between two renewals, for one that continues it.
-
-    Attributes:
-        critical: The critical step found there [s].
-        longest: The longest one so far [s].
-    """
+    """Where an explicit run is between two renewals, for one that continues it."""
 
     count: int
-    critical: float
-    longest: float
+    critical: float  # The critical step found there [s]
+    longest: float  # The longest one so far [s]
     cuts: int
 
 
 class MotionState(NamedTuple):
-    """Motion at the end of a step, see :class:`Motion`; its arrays are never modified.
+    """Motion at the end of a step, see :class:`Motion`; its arrays are never modified."""
 
-    Attributes:
-        velocity: Local dofs [mm/s].
-        acceleration: Owned dofs [mm/s2].
-        carried: Inertial and viscous forces of owned dofs [N].
-    """
-
-    velocity: Array
-    acceleration: Array
-    carried: Array
+    velocity: Array  # Local dofs [mm/s]
+    acceleration: Array  # Owned dofs [mm/s2]
+    carried: Array  # Inertial and viscous forces of owned dofs [N]
     lumped: Array | None
     plan: Plan | None
 
@@ -96,7 +81,6 @@ class Motion:
     both are the same.
 
     Args:
-        discretization: The space; facets that open on demand would change it.
         density: Mass per reference volume by tag, in units such that 1 is force times time squared
             per length to the fourth: t/mm3 with N, mm and s.
 

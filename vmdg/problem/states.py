@@ -67,40 +67,27 @@ class Energy:
 
 @dataclass(frozen=True)
 class InterfaceMean:
-    """Area averages over an interface.
+    """Area averages over an interface."""
 
-    Attributes:
-        opening: g (d,) [mm].
-        gap: zeta (d,) [mm].
-        traction: T (d,) [MPa].
-        softening: Q [MPa].
-        area: Reference area [mm2; mm in plane strain].
-    """
-
-    opening: NDArray[np.float64]
-    gap: NDArray[np.float64]
-    traction: NDArray[np.float64]
-    softening: NDArray[np.float64]
-    area: float
+    opening: NDArray[np.float64]  # g (d,) [mm]
+    gap: NDArray[np.float64]  # zeta (d,) [mm]
+    traction: NDArray[np.float64]  # T (d,) [MPa]
+    softening: NDArray[np.float64]  # Q [MPa]
+    area: float  # Reference area [mm2; mm in plane strain]
 
 
 @dataclass(frozen=True)
 class Pending:
-    """Curvature term of the work of a step, as estimated, and the data to compute it.
-
-    Attributes:
-        change: Change of the displacement, local dofs [mm], and of zeta, flat [mm].
-        slopes: phi of :mod:`.work` at the start, before and with tau_s of the step, and at the end,
-            this rank's [N mm].
-        entered: Recorded estimate [N mm].
-        at_rest: Whether loads were constant, so that it was dissipated by viscosity.
-    """
+    """Curvature term of the work of a step, as estimated, and the data to compute it."""
 
     start: Snapshot
+    # Change of the displacement, local dofs [mm], and of zeta, flat [mm]
     change: tuple[NDArray[np.float64], NDArray[np.float64]]
+    # phi of :mod:`.work` at the start, before and with tau_s of the step, and at the end, this
+    # rank's [N mm]
     slopes: tuple[float, float, float]
-    entered: float
-    at_rest: bool
+    entered: float  # Recorded estimate [N mm]
+    at_rest: bool  # Whether loads were constant, so that it was dissipated by viscosity
 
 
 @dataclass(frozen=True)
@@ -129,18 +116,13 @@ class Works:
 
 @dataclass(frozen=True)
 class Rate:
-    """Derivative of a state by the logarithm of a parameter.
+    """Derivative of a state by the logarithm of a parameter."""
 
-    Attributes:
-        u: Of the displacement, local dofs, ghosts included [mm].
-        forces: Of the nodal forces, local dofs [N].
-        works: Works of runs with a slightly larger and smaller value; None if they are not needed.
-    """
-
-    u: NDArray[np.float64]
+    u: NDArray[np.float64]  # Of the displacement, local dofs, ghosts included [mm]
     t: float
-    forces: NDArray[np.float64]
+    forces: NDArray[np.float64]  # Of the nodal forces, local dofs [N]
     interfaces: list[InterfaceSnapshot]
+    # Works of runs with a slightly larger and smaller value; None if they are not needed
     works: tuple[Works, Works] | None = None
 
 
@@ -204,23 +186,15 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class RunScales:
-    """Characteristic sizes found during a run.
+    """Characteristic sizes found during a run."""
 
-    Attributes:
-        force: Largest reaction, load, or imbalance at the start of a step [N].
-        reaction: Largest reaction or load, except in jumps [N].
-        work: Limit of the damage work in the next step [N mm].
-        breaking: Whether load control has failed while bonds were breaking.
-        sense: Sign of the change of the load factor in the last stage; 0 before the first one.
-        held: Whether the tangent has an artificial stiffness, since a piece is detached.
-    """
-
-    force: float = 0.0
-    reaction: float = 0.0
-    work: float = math.inf
-    breaking: bool = False
+    force: float = 0.0  # Largest reaction, load, or imbalance at the start of a step [N]
+    reaction: float = 0.0  # Largest reaction or load, except in jumps [N]
+    work: float = math.inf  # Limit of the damage work in the next step [N mm]
+    breaking: bool = False  # Whether load control has failed while bonds were breaking
+    # Sign of the change of the load factor in the last stage; 0 before the first one
     sense: float = 0.0
-    held: bool = False
+    held: bool = False  # Whether the tangent has an artificial stiffness, since a piece is detached
 
     def with_forces(self, imbalance: float = 0.0, reaction: float = 0.0) -> RunScales:
         """Update with an imbalance and reactions or loads of the run [N]."""

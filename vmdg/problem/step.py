@@ -104,13 +104,8 @@ class Step:
         overstress: float = 0.0,
         cycles: float = 0.0,
     ) -> None:
-        """Store the converged state, then set loads and stabilization for a step to ``t``.
-
-        Args:
-            dt: Time step [s].
-            overstress: At the start of a step in a jump, see :meth:`slow_down`.
-            cycles: Load cycles that the step represents, for fatigue laws.
-        """
+        """Store the converged state, then set loads and stabilization for a step to ``t``;
+        overstress and cycles as for :meth:`slow_down`."""
         self.ledger.settle()
         self._dt, self.start = dt, self.snapshot()
         self.ledger.begin(self.start, dt, overstress > 0, cycles)
@@ -166,33 +161,22 @@ class Step:
             self.motion.move(rest, rest.copy())
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
-        """Set the overstress of the step and the number of cycles that it represents.
-
-        Args:
-            overstress: Overstress of bonded points per gap increment, in multiples of H.
-        """
+        """Set the overstress of bonded points per gap increment, in multiples of H, and the number
+        of cycles that the step represents."""
         for active in self.discretization.active.values():
             active.slow_down(overstress, cycles)
 
     def assemble_residual(
         self, dt: float = 1.0, hold: bool = False, anew: bool = False
     ) -> NDArray[np.float64]:
-        """Return maps, then internal minus external forces at the current displacement.
-
-        Args:
-            dt: Time step of the return maps [s].
-            hold: Fix zeta at its converged value instead of a return map.
-
-        Returns:
-            Owned dofs, including prescribed ones [N].
-        """
+        """Return maps, then internal minus external forces at the current displacement, owned dofs,
+        prescribed ones included [N]; ``hold`` fixes zeta at its converged value."""
         return self.discretization.assemble_residual(dt, hold, self._loading.vector, anew)
 
     def hold(self, dt: float, anew: bool, softens: bool) -> None:
         """Assemble the residual of the predictor, with zeta at its converged value.
 
         Args:
-            dt: Time step of the return maps [s].
             anew: Whether the last step does not continue: in the tangent sliding points are treated
                 as sticking, and bodies at points as at rest.
             softens: Whether damage continues; otherwise so are points that soften.
@@ -228,7 +212,6 @@ class Step:
         return self._any(touching)
 
     def _any(self, points: Sequence[NDArray[np.bool_]]) -> bool:
-        """Whether there is any of some points on any rank; collective."""
         return global_any(self._comm, any(rows.any() for rows in points))
 
     def _failing(self) -> list[ActiveInterface]:
@@ -258,13 +241,11 @@ class Step:
         return float(global_max(self._comm, max(lost)))
 
     def load_rate(self) -> NDArray[np.float64]:
-        """Negative derivative of the residual by the load factor along the current ray, at fixed u.
+        """Negative derivative of the residual by the load factor along the current ray, at fixed u,
+        owned dofs [N].
 
         For dead loads it is their rate. With a fluid between crack faces, which also changes the
         return maps, and with eigenstrains it is computed by differences. The residual is restored.
-
-        Returns:
-            Owned dofs [N].
         """
         loading, ray = self._loading, self._loading.ray
         if loading.pressurised or loading.strained(ray.start, ray.end):
@@ -273,11 +254,8 @@ class Step:
         return loading.balance(at_owners(self.discretization.space, ray.rate(loading.dead)))
 
     def overstress_rate(self, overstress: float) -> tuple[NDArray[np.float64], float]:
-        """Negative derivative of the residual by the overstress at fixed u, and that of the work.
-
-        Returns:
-            Owned dofs [N]; derivative of the damage work [N mm].
-        """
+        """Negative derivative of the residual by the overstress at fixed u, owned dofs [N], and
+        that of the damage work [N mm]."""
         return self._residual_rate(self.slow_down, overstress, RATE_STEP * (1 + overstress))
 
     def _residual_rate(
@@ -320,13 +298,11 @@ class Step:
         return not global_any(self._comm, not self.discretization.stabilization_suffices())
 
     def raise_stabilization(self) -> bool:
-        """Cancel the step, to restart it with the r required at its end; collective.
+        """Cancel the step, to restart it with the r required at its end; False, without changes,
+        after too many repetitions; collective.
 
         Cutting the step need not help: the strain at its end, however reached, may require a larger
         r than its start.
-
-        Returns:
-            False, without changes, after too many repetitions.
         """
         if self._repeats == MOST_REPEATS:
             return False
@@ -339,11 +315,7 @@ class Step:
         return True
 
     def commit(self, motion: WorkInMotion | None = None) -> None:
-        """Accept the current state as converged: history, dissipation and external work.
-
-        Args:
-            motion: Works of a step in time; None in statics.
-        """
+        """Accept the current state as converged: history, dissipation and external work."""
         self.ledger.commit(motion)
         for active in self.discretization.active.values():
             active.commit()
@@ -352,12 +324,10 @@ class Step:
         self._repeats, self._reached = 0, self.discretization.u.x.array.copy()
 
     def watch_sliding(self) -> float:
-        """Largest slip of points in contact now, relative to the size of their facets; collective.
+        """Largest slip of points in contact now, relative to the size of their facets, 0 for none;
+        collective.
 
         Warns once if contact slides so far that most points face a different facet.
-
-        Returns:
-            The ratio; 0 without contact or slip.
         """
         here = [(sliding(active), active) for active in self.discretization.active.values()]
         if not here:
@@ -422,11 +392,8 @@ class Step:
     # Facets that open on demand
 
     def discretization_of(self, marks: Sequence[NDArray[np.bool_]]) -> Discretization:
-        """The discretization with these open facets: the current one if they are the same.
-
-        Args:
-            marks: For every interface, a mask over all local facets of the mesh.
-        """
+        """The discretization with these open facets, masks over all local facets of the mesh for
+        every interface: the current one if they are the same."""
         now = self.discretization
         same = all(map(np.array_equal, marks, self.activation.open))
         if not global_any(self._comm, not same):
@@ -445,12 +412,9 @@ class Step:
         )
 
     def open_facets(self, utilization: Utilization) -> bool:
-        """Open the closed facets whose utilization is high enough; collective.
+        """Open the closed facets whose utilization is high enough; whether any opened; collective.
 
         The state is transferred exactly: new facets start bonded, with zero opening.
-
-        Returns:
-            Whether any facet opened.
         """
         marks = self.activation.marks_to_open(utilization)
         before, after = self.discretization, self.discretization_of(marks)

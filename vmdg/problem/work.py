@@ -54,19 +54,12 @@ CURVED, FINE = 1e-6, 1e-4
 
 
 class Increment(NamedTuple):
-    """A step along the path.
+    """A step along the path."""
 
-    Attributes:
-        forces: Change of dPi/dz, owned dofs and points [N].
-        z: Change of displacement and gap, owned dofs and points [mm], and of the load factor.
-        length: Norm of that of displacement and gap [mm].
-        work: Size of the work of the run so far [N mm].
-    """
-
-    forces: Array
-    z: Array
-    length: float
-    work: float
+    forces: Array  # Change of dPi/dz, owned dofs and points [N]
+    z: Array  # Change of displacement and gap, owned dofs and points [mm], and of the load factor
+    length: float  # Norm of that of displacement and gap [mm]
+    work: float  # Size of the work of the run so far [N mm]
 
 
 def next_increment(

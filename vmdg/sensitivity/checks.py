@@ -16,9 +16,6 @@ class _Options(Protocol):
 def check_differentiable(problem: Problem, options: _Options, resumed: bool) -> None:
     """Refuse a run that cannot be differentiated.
 
-    Args:
-        resumed: Whether it continues the history of an earlier one.
-
     Raises:
         ValueError: it cannot; the message says why, and what to do.
     """

@@ -51,13 +51,9 @@ SINGULAR = 1e-13
 
 @dataclass
 class _Partial:
-    """Rates by a parameter at fixed displacement and load factor.
+    """Rates by a parameter at fixed displacement and load factor."""
 
-    Attributes:
-        histories: Of the start of the step, of every interface.
-    """
-
-    histories: list[PointHistory]
+    histories: list[PointHistory]  # Of the start of the step, of every interface
     stabilizations: list[Stabilization]
     trials: list[Trial]
     changes: bool
@@ -128,7 +124,6 @@ class Derivatives:
             follows: Whether the load factor is an unknown of the step.
             onset: Whether the step then ends at the onset of damage, a corner of the path, with
                 which its row moves.
-            dt: Time step of its return maps [s].
         """
         step, near = self._problem.step, self._neighbours
         with timer("derivatives"):

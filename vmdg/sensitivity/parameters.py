@@ -84,12 +84,10 @@ class LawParameter(Parameter):
         return law.with_values({self._field: getattr(law, self._field) * (1 + h)})
 
     def laws(self, h: float) -> list[Law]:
-        """Laws of all active interfaces at p (1 + h)."""
         return [law for law, _ in self._at(h)]
 
     @contextmanager
     def changed(self, h: float) -> Iterator[None]:
-        """The problem at p (1 + h), at unchanged displacement and history."""
         actives = list(self._problem.discretization.active.values())
         before = [(active.law, active.stabilizer.facets) for active in actives]
         for active, (law, on_facets) in zip(actives, self._at(h), strict=True):
@@ -106,7 +104,6 @@ class BodyParameter(Parameter):
     """A parameter of the material of groups of cells.
 
     Args:
-        tags: Tags of the cells, whose materials share a kernel.
         field: Name of the parameter: one of the material, or E or nu of Lame parameters.
     """
 
@@ -152,7 +149,6 @@ class BodyParameter(Parameter):
 
     @contextmanager
     def changed(self, h: float) -> Iterator[None]:
-        """The problem at p (1 + h), at unchanged displacement and history."""
         before = self._moduli
         self._set(self._scaled(h, *before))
         try:
@@ -177,7 +173,6 @@ class EigenstrainParameter(Parameter):
 
     @contextmanager
     def changed(self, h: float) -> Iterator[None]:
-        """The problem at p (1 + h), at unchanged displacement and history."""
         loading = self._problem.loading
         with self._problem.discretization.bodies.swollen(self._tag, 1 + h):
             loading.strain(loading.t)
@@ -187,16 +182,11 @@ class EigenstrainParameter(Parameter):
 
 @dataclass(frozen=True)
 class _Place:
-    """What a name before the dot stands for.
+    """What a name before the dot stands for."""
 
-    Attributes:
-        make: Makes a parameter from its full name and its field.
-        things: Numbers of interfaces, from -1 downwards, or tags of cells.
-    """
-
-    make: Callable[[str, str], Parameter]
+    make: Callable[[str, str], Parameter]  # Makes a parameter from its full name and its field
     fields: dict[str, Any]
-    things: tuple[int, ...]
+    things: tuple[int, ...]  # Numbers of interfaces, from -1 downwards, or tags of cells
 
     def contains(self, field: str) -> set[tuple[int, str]]:
         """Parameters of single things that change with a field, or cannot change with it."""

@@ -51,7 +51,6 @@ class PointRates:
         laws: Laws at p (1 + h) and at p (1 - h), of every parameter.
         rates: Of the input of the return map, by the logarithms of the parameters, at fixed
             displacement; a stack.
-        dt: Time step of the return map [s].
     """
 
     def __init__(
@@ -97,21 +96,14 @@ class PointRates:
         return self._point_values(self._rates, self._fixed if self._law.inelastic else None)
 
     def along(self, moves: Trial) -> PointValues:
-        """Of every parameter, along a displacement of each; a stack.
-
-        Args:
-            moves: Rates of the input of return maps along the displacements; a stack.
-        """
+        """Of every parameter, along the rates of the input of return maps by its displacement; a
+        stack."""
         update = plus(self._update(moves), self._fixed) if self._law.inelastic else None
         return self._point_values(plus(self._rates, moves), update)
 
     def softening(self, moves: Trial) -> Array:
         """Rates of Q along displacements of every parameter, and along one by which no parameter
-        changes (n + 1, nq).
-
-        Args:
-            moves: As of :meth:`along`, with one more.
-        """
+        changes (n + 1, nq)."""
         found = self._update(moves).softening
         found[:-1] += self._fixed.softening
         return found
@@ -126,7 +118,6 @@ class PointRates:
         return combined(along, self._slopes)
 
     def _point_values(self, rates: Trial, update: Update | None) -> PointValues:
-        """For rates of the input and of the return map."""
         if update is not None and not self._turns:
             # In a fixed frame everything but the update is linear in the input.
             return PointValues(

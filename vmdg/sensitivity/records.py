@@ -52,7 +52,6 @@ def stacked(records: Sequence[Record]) -> Record:
 
 
 def one_of(stack: Record, part: int | slice) -> Record:
-    """A record, or some, of a stack."""
     return combined(lambda x: x[part], stack)
 
 

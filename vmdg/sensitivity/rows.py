@@ -33,8 +33,6 @@ class Rows:
 
         Args:
             row: Values of the monitor by name, with or without a unit.
-            watched: Returns them for the current state of the problem.
-            energies: The same for energies; None for none.
         """
         rates, found = self._problem.step.rates, {}
         names = [name for name, value in row.items() if isinstance(value, float | np.ndarray)]

@@ -87,11 +87,8 @@ class StabilizationRates:
     def _near(
         self, moved: Iterable[_Near], risen: Sequence[NDArray[np.bool_]]
     ) -> list[list[Stabilization]]:
-        """tau_s and delta next to the current displacement.
-
-        Args:
-            risen: Facets whose r may be above its lower bound (nf,).
-        """
+        """tau_s and delta next to the current displacement, with those facets ``risen`` whose r may
+        be above its lower bound (nf,)."""
         stabilizers, here, known = self._discretization.stabilizers, self._problem.u.x, []
         before, samples = here.array.copy(), []
         for one in moved:

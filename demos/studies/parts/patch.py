@@ -159,11 +159,7 @@ def build(
 
 
 class Snapshots:
-    """A column of pictures of sigma_xx on the deformed blocks, one for each chosen load.
-
-    Args:
-        limits: Of the colours [MPa].
-    """
+    """A column of pictures of sigma_xx on the deformed blocks, one for each chosen load."""
 
     def __init__(self, titles: Mapping[float, str], limits: tuple[float, float]):
         self._titles, self._limits = titles, limits

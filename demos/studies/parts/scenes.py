@@ -6,6 +6,5 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parents[2]))
 
 import fibre_cell as fibre_cell
-import measured_images as measured_images
 import pushout as pushout
 import tutorial_law as tutorial_law

@@ -37,7 +37,7 @@ def report(out: str, name: str, text: str, figure: Figure | None = None) -> None
     """Print a table, and write it and a picture to the folder ``out``, on the first rank."""
     if MPI.COMM_WORLD.rank > 0:
         return
-    print(text)
+    print(f"{text}\n\nresults are in {out}")
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{name}.md").write_text(text + "\n")

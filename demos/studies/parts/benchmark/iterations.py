@@ -1,27 +1,21 @@
-"""A Newton iteration of vmdg against another one on the same mesh, part by part.
+"""A Newton iteration of vmdg against one of plain finite elements on the same mesh, part by part.
 
 One iteration is residual, tangent with its boundary conditions, and a linear solve with the same
-solver, multigrid with new coarse matrices on an interpolation that is kept. It is compared
-
-* with plain finite elements, once with a tie, once with every point of the interface at work: the
-  left half opens and is damaged, the right half is pressed, slides and rubs;
-* where bodies are meshed separately, with one mesh: the nodes of the upper body are moved along the
-  interface by up to two fifths of a cell, so that its facets meet two of the others in the plane
-  and four in space. Surfaces that slide are paired again in every residual, and each finds a
-  displacement that it has not seen.
+solver, multigrid with new coarse matrices on an interpolation that is kept; once with a tie, once
+with every point of the interface at work: the left half opens and is damaged, the right half is
+pressed, slides and rubs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import count
 from typing import Any
 
 from petsc4py import PETSc
 
 import numpy as np
-from parts.benchmark.common import BOTTOM, DIMENSION, LOWER, TOP, UPPER, layers, least_times
+from parts.benchmark.common import BOTTOM, LOWER, TOP, UPPER, layers, least_times
 from parts.benchmark.continuous import Plain
 from parts.topology import tags_of_cells
 
@@ -36,7 +30,7 @@ from vmdg.linear.ksp import (
     make_ksp,
     set_rigid_modes,
 )
-from vmdg.meshes import TaggedMesh, apart
+from vmdg.meshes import TaggedMesh
 
 STEPS = ("residual", "tangent", "boundary", "solve")
 HEAD = ("Newton iteration", "unknowns", *(f"{step} [ms]" for step in STEPS))
@@ -45,17 +39,12 @@ HEAD += ("iterations or Gflop", "all [ms]", "ratio")
 TOLERANCE = 1e-6
 BODY = vmdg.NeoHookean(E=1000.0, nu=0.3)  # MPa
 
-#: Against plain elements: cells, the layer below the interface; softening that the body can follow,
+#: Cells, the layer below the interface; softening that the body can follow,
 #: or the tangent would be indefinite; largest opening, and slip [mm]; strain that presses.
 MESHES = {"2D": ("quadrilateral", (96, 96), 48), "3D": ("hexahedron", (22, 22, 25), 12)}
 BOND = vmdg.Debonding(strength=10.0, critical_gap=1.0, friction=0.3)
 OPENING, PRESSED = 0.05, 0.03
 AT_WORK = (vmdg.Mode.TENSION, vmdg.Mode.SHEAR, vmdg.Mode.FRICTION)
-
-#: Separate meshes: cells in every direction, half of the last one below the interface; in space
-#: small blocks, of which the interface is a large part, and blocks three times as fine.
-SIZES = {"triangle": (64,), "quadrilateral": (64,), "tetrahedron": (10, 30), "hexahedron": (14, 42)}
-LAWS = {"tied": vmdg.Bonded(), "sliding": vmdg.Contact(friction=0.3)}
 
 
 @dataclass(frozen=True)
@@ -155,9 +144,6 @@ def unknowns(problem: vmdg.Problem) -> int:
     return problem.space.dofmap.index_map.size_global * problem.space.dofmap.index_map_bs
 
 
-# Plain finite elements
-
-
 def block(dimension: str, damage: bool, refine: float = 1.0) -> vmdg.Problem:
     """Both bodies, their ends held, tied or displaced so that all points are at work."""
     return _at_work(_mesh(dimension, refine), damage)
@@ -248,70 +234,3 @@ def with_plain(
         tuple(steps[name]["solve"].effort for name in ("plain", "vmdg")),
         more | {"a step more [ms]": 1e3 * step},
     )
-
-
-# Separate meshes
-
-
-def of_separate(cell: str, law: str, n: int, repeats: int) -> Cost:
-    """Separate meshes over one mesh: n cells along an edge, an even number."""
-    problems = {
-        name: _layered(cell, law, n, name == "separate") for name in ("matching", "separate")
-    }
-    steps = {}
-    for name, problem in problems.items():
-        parts = iteration(problem, direct=DIMENSION[cell] == 2)
-        steps[name] = parts | {"residual": _moved(problem, parts["residual"])}
-    pairs = [problem.discretization.active[0].facets for problem in problems.values()]
-    times, cut, u = least_times(steps, repeats), 0.0, problems["separate"].u
-    if law == "sliding":
-        alone = {"separate": {"cut": lambda: pairs[1].surfaces.pairs(u)}}
-        cut = least_times(alone, repeats)["separate"]["cut"]
-    share = 100 * cut / sum(times["separate"].values())
-    return Cost(
-        f"{cell}, {law}",
-        times,
-        tuple(map(unknowns, problems.values())),
-        tuple(parts["solve"].effort for parts in steps.values()),
-        {"pairs a facet": len(pairs[1].facets) / len(pairs[0].facets), "of it cut [%]": share},
-    )
-
-
-def _moved(problem: vmdg.Problem, residual: Callable[[], Any]) -> Callable[[], None]:
-    """The residual at displacements that differ each time, for which surfaces are paired again."""
-    u, steps = problem.u.x.array, count(1)
-    start = u.copy()
-
-    def call() -> None:
-        u[:] = (1 + 1e-9 * next(steps)) * start
-        residual()
-
-    return call
-
-
-def _layered(cell: str, law: str, n: int, separate: bool) -> vmdg.Problem:
-    """Two layers that press each other, their ends held."""
-    d = DIMENSION[cell]
-    tagged = _apart(cell, n) if separate else layers(cell, (n,) * d, np.ones(d), n // 2)
-    slides = {"sliding": True} if separate and law == "sliding" else {}
-    interface = vmdg.Interface(between=(LOWER, UPPER), law=LAWS[law], **slides)
-    bodies = {LOWER: BODY, UPPER: BODY}
-    problem = vmdg.Problem(tagged.mesh, tagged.cell_tags, bodies, [interface])
-    problem.dirichlet(lambda x: np.isclose(x[d - 1], 0) | np.isclose(x[d - 1], 1), 0.0)
-
-    def u(x: np.ndarray) -> np.ndarray:
-        return np.concatenate([0.01 * x[: d - 1], (0.003 * x[:1] - PRESSED) * x[d - 1 : d]])
-
-    problem.u.interpolate(u)
-    return problem
-
-
-def _apart(cell: str, n: int) -> TaggedMesh:
-    d, parts = DIMENSION[cell], []
-    for below in (n // 2, 0):
-        part = layers(cell, (*(n,) * (d - 1), n // 2), (*(1.0,) * (d - 1), 0.5), below)
-        parts.append((part.mesh, part.cell_tags, part.facet_tags))
-    x = parts[1][0].geometry.x
-    x[:, d - 1] += 0.5
-    x[:, : d - 1] += 0.4 / n * np.sin(np.pi * x[:, : d - 1])
-    return apart(parts)

@@ -23,6 +23,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
+from parts.benchmark.common import DIMENSION
 from parts.convergence.manufactured import Exact, bent, body_force, kinked, sheared, stress
 from parts.tables import markdown
 from parts.topology import facet_cells, global_sum, tags_of_cells
@@ -33,7 +34,6 @@ from vmdg import compat
 from vmdg.base.kernels import compile_expression, compile_form
 from vmdg.meshes import TaggedMesh, blocks
 
-DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 SOLUTIONS: dict[str, Callable[..., Exact]] = {"sheared": sheared, "bent": bent, "kinked": kinked}
 SHAPES = ("straight", "inclined", "curved")
 NORMS = ("l2", "h1", "traction")

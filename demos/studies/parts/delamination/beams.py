@@ -41,6 +41,18 @@ class Run:
         return self.result.history
 
 
+def compared(
+    case: str,
+    result: vmdg.Result,
+    pairs: Sequence[tuple[str, float, float]],
+    problem: vmdg.Problem,
+    degree: int,
+) -> Run:
+    """A run with its checks: quantity, computed and exact value of each."""
+    mesh = describe(problem, degree)
+    return Run(result, [compare(case, *pair, mesh) for pair in pairs])
+
+
 def arms(
     stations: Sequence[float],
     sizes: Sequence[float],
@@ -179,14 +191,13 @@ def dcb(
     result = vmdg.solve(problem, openings, options, monitor)
     history = result.history
     first, last = history.rows[0], history.rows[-1]
-    mesh = describe(problem, degree)
     pairs = [
         ("stiffness [N/mm]", first["force"] / first["load"], first["force_exact"] / first["load"]),
         ("peak load [N]", history["force"].max(), K / (a_0 + m.chi * m.h)),
         (f"load at {end:g} mm [N]", last["force"], last["force_exact"]),
         (f"crack at {end:g} mm [mm]", last["crack"], last["crack_exact"]),
     ]
-    return Run(result, [compare("DCB", what, *values, mesh) for what, *values in pairs])
+    return compared("DCB", result, pairs, problem, degree)
 
 
 def enf(
@@ -266,18 +277,14 @@ def enf(
     first, last = history.rows[0], history.rows[-1]
     a = a_0 + tip
     work = 3 * rubbed * first["force"] ** 2 * a * (a - 4 * rubbed / 3) / (16 * m.rigidity)
+    crack = last["crack"]
     pairs = [
         ("stiffness [N/mm]", first["force"] / first["load"], 1 / compliance(a)),
-        (
-            f"load at a = {last['crack']:.2f} mm [N]",
-            last["force"],
-            driving(last["crack"] + tip),
-        ),
+        (f"load at a = {crack:.2f} mm [N]", last["force"], driving(crack + tip)),
     ]
     if friction > 0:
         pairs.insert(1, ("friction work before growth [N mm]", first["friction"], work))
-    case, mesh = f"ENF, mu = {friction:g}", describe(problem, degree)
-    return Run(result, [compare(case, what, *values, mesh) for what, *values in pairs])
+    return compared(f"ENF, mu = {friction:g}", result, pairs, problem, degree)
 
 
 def four_point(
@@ -329,12 +336,8 @@ def four_point(
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         w = -sum(lift(problem, height) for height in heights) / 2
         a = a_0 + problem.energy().damage / (m.G_II * m.b)
-        exact = w / compliance(a_0)
-        return {
-            "deflection [mm]": w,
-            "crack [mm]": a,
-            "force_exact [N]": min(exact, K / c),
-        }
+        exact = min(w / compliance(a_0), K / c)
+        return {"deflection [mm]": w, "crack [mm]": a, "force_exact [N]": exact}
 
     shown = {"progress": True, "verbose": verbose, "show": ("deflection",)}
     result = vmdg.solve(
@@ -344,17 +347,13 @@ def four_point(
         monitor,
         until=lambda problem: problem.energy().damage > run * m.G_II * m.b,
     )
-    history, mesh = result.history, describe(problem, degree)
+    history = result.history
     w, P, a = (history[name] for name in ("deflection", "load", "crack"))
     running = a > a_0 + 10
     pairs = [
         ("stiffness [N/mm]", P[0] / w[0], 1 / compliance(a_0)),
         ("peak load [N]", P.max(), K / c),
         ("mean load while the crack runs [N]", P[running].mean(), K / c),
-        (
-            f"deflection at a = {a[-1]:.2f} mm [mm]",
-            w[-1],
-            compliance(a[-1]) * K / c,
-        ),
+        (f"deflection at a = {a[-1]:.2f} mm [mm]", w[-1], compliance(a[-1]) * K / c),
     ]
-    return Run(result, [compare("4ENF", what, *values, mesh) for what, *values in pairs])
+    return compared("4ENF", result, pairs, problem, degree)

@@ -54,10 +54,6 @@ def fatigue(
     see `vmdg.FatigueDebonding`. The slope of log(da/dN) over log G is compared with beta/2, the
     growth at `SHARE` and the cycles of all of it with those without vmdg. Degree 2; the traction
     in a zone of 0.4 mm needs cells that are not much higher, and the damage rate has its power 15.
-
-    Args:
-        element_size: Of facets where the crack runs [mm].
-        far: Way of the crack [mm].
     """
     stations = (0.0, A_0 - 2, A_0, math.ceil(A_0 + far + 1.5), A_0 + 30)
     tagged = arms(stations, element_size * np.array([8, 1, 1, 8]), PLY.h, rows, A_0)
@@ -105,11 +101,7 @@ def of_history(history: vmdg.History) -> Growth:
 
 
 def paris(growth: Growth, interval: float = 0.5) -> tuple[NDArray, NDArray]:
-    """G_I/G_c and da/dN [mm], once the crack has left its start.
-
-    Args:
-        interval: Growth from one pair to the next [mm].
-    """
+    """G_I/G_c and da/dN [mm], once the crack has left its start."""
     N, a, release = growth
     rows = np.searchsorted(a, np.arange(A_0 + AFTER, a[-1], interval))
     middle = np.interp((a[rows][1:] + a[rows][:-1]) / 2, a, release)

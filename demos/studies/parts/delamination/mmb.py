@@ -42,10 +42,6 @@ def theory(m: Laminate, c: float, a: float) -> Theory:
             + (c + L)^2/L^2 [(2 L^3 + 3 a_II^3)/(8 b h^3 E) + 3 L/(10 G_12 b h)],
 
     and G_I + G_II = G_c(G_II/G_T) by Benzeggagh and Kenane while the crack runs, a <= L.
-
-    Args:
-        c: Length of the lever [mm].
-        a: Crack length [mm].
     """
     opened, sheared = a + m.chi * m.h, a + 0.42 * m.chi * m.h
     lever, bend = (3 * c - L) ** 2 / L**2, (c + L) ** 2 / L**2
@@ -78,10 +74,6 @@ def mmb(
     of the upper arm; w = ((c + L) v_c + c v_e)/L by virtual work. The load grows, falls and grows
     again: the path is traced, and ends where w says so. Facets are a quarter as long at the tip
     of the crack, degree 2, small strain as in the reference.
-
-    Args:
-        end: w [mm].
-        element_size: Of facets where the crack runs [mm].
     """
     c = LEVERS.get(ratio) or lever_length(m, ratio)
     start = theory(m, c, A_0)

@@ -158,9 +158,6 @@ def first_growth(
 
     Between two rows the load follows the damage of the point linearly.
 
-    Args:
-        a: Crack length [mm].
-
     Returns:
         Load [N], stiffness at small load [N/mm], and the run.
     """
@@ -224,11 +221,6 @@ def d30(
     0.83 G_c, and at the edges it is a fifth. So the front grows in the middle first and becomes
     curved, and where G is G_c all along it the load is above that of the points. In the run a bond
     of 20 MPa has a zone of 2.5 mm, with facets of 1 mm.
-
-    Args:
-        end: Opening [mm].
-        size: Of facets along x [mm].
-        strength: Of the bond in the run [MPa].
     """
     checks, points, first, factorizations = first_points(D30, verbose, columns)
     factorizations += first.counts.factorizations

@@ -42,11 +42,7 @@ def find_python(minors: Sequence[int] = WHEELS) -> str:
 
 
 def prepare(python: str | None = None) -> Path:
-    """The Python of the environment, in the user's cache folder, which is made on the first call.
-
-    Args:
-        python: That it is made of; None finds one.
-    """
+    """The Python of the environment in the user's cache folder, made on the first call."""
     base = python or find_python()
     if shutil.which(base) is None:
         raise RuntimeError(f"there is no Python {base}: name another one by --python")

@@ -63,13 +63,7 @@ def elastic_moment() -> float:
 def open_by_moments(
     size: float, rows: int, growth: float, strength: float
 ) -> tuple[vmdg.History, str]:
-    """Bend the arms apart until the crack has grown: moment [N] and crack [mm], and the mesh.
-
-    Args:
-        size: Of facets where the crack runs [mm].
-        growth: Of the crack [mm].
-        strength: Of the bond [MPa].
-    """
+    """Bend the arms apart until the crack has grown: moment [N] and crack [mm], and the mesh."""
     stations = (0.0, CRACK, CRACK + growth + 10, CRACK + growth + 16)
     tagged = arms(stations, size * np.array([2, 1, 4]), HEIGHT, rows, CRACK)
     mesh, cells, facets = tagged

@@ -67,11 +67,7 @@ class Shell:
 def quarter(
     radii: tuple[float, float, float], rings: int, sectors: int
 ) -> tuple[vmdg.meshes.TaggedMesh, Callable[[NDArray], NDArray]]:
-    """A quarter of two rings of curved cells, and radii of points.
-
-    Args:
-        radii: Inner one, interface, outer one [mm].
-    """
+    """A quarter of two rings of curved cells, and radii of points."""
     inner, middle, outer = radii
     place = (middle - inner,) * 2
     tagged = blocks(
@@ -140,11 +136,7 @@ def limit(shape: Shell, n: int) -> tuple[float, str]:
 
 
 def press(shape: Shell, n: int, tied: bool, front: float, steps: int = 8) -> Found:
-    """Put a shell under the inner pressure at which the closed form flows up to ``front``.
-
-    Args:
-        front: Radius of the plastic zone [mm].
-    """
+    """Put a shell under the inner pressure at which the closed form flows up to ``front``."""
     problem, radius = build(shape, n, tied, shape.pressure(front))
     vmdg.solve(problem, steps, vmdg.SolveOptions(relative_tolerance=1e-10))
     flown = sum(

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
+from itertools import chain
 from pathlib import Path
 from time import perf_counter
 
@@ -21,7 +22,7 @@ from numpy.random import Generator
 from parts.stability import cases
 from parts.stability.checks import Record, Run, finite
 from parts.stability.scenes import Case
-from parts.tables import markdown
+from parts.tables import markdown, progress
 
 import vmdg
 
@@ -213,14 +214,40 @@ def table(outcomes: Sequence[Outcome]) -> str:
     return markdown(["family", "runs", *GOOD, *BAD, "steps", "cut", "residuals", "s"], rows)
 
 
-def report(outcomes: Sequence[Outcome], out: str, name: str) -> None:
-    """Write the table and the list of the runs of a study into a folder, and print the table."""
-    folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{name}.md").write_text(table(outcomes) + "\n")
-    write_csv(outcomes, folder / f"{name}.csv")
-    print(table(outcomes))
-    print(f"results are in {out}")
+def run_all(
+    numbers: Sequence[int],
+    judge: Callable[[int], Outcome],
+    name: str,
+    out: str,
+    only: int | None = None,
+    shown: Sequence[str] = BAD,
+    together: bool = False,
+) -> list[Outcome]:
+    """Judge runs, or the ``only`` one of a number; table and list of a study go to ``out``.
+
+    Those whose verdict is among ``shown`` are printed. Ranks take turns, unless they judge every
+    run ``together``.
+    """
+    comm, outcomes = MPI.COMM_WORLD, []
+    chosen = numbers if only is None else [only]
+    if not together:
+        chosen = chosen[comm.rank :: comm.size]
+    bar = progress(chosen, "run", shown=comm.rank == 0)
+    for number in bar:
+        outcomes.append(outcome := judge(number))
+        if (outcome.verdict in shown or only is not None) and not (together and comm.rank):
+            lines = (f"run {number}, {outcome.family}: {outcome.verdict}", outcome.case)
+            bar.write("\n".join((*lines, outcome.detail)))
+    if not together:
+        outcomes = sorted(chain(*comm.allgather(outcomes)), key=lambda outcome: outcome.number)
+    if comm.rank == 0 and only is None:
+        folder = Path(out)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.md").write_text(table(outcomes) + "\n")
+        write_csv(outcomes, folder / f"{name}.csv")
+        print(table(outcomes))
+        print(f"results are in {out}")
+    return outcomes
 
 
 def write_csv(outcomes: Sequence[Outcome], path: Path) -> None:
