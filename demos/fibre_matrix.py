@@ -96,7 +96,7 @@ def main(
         strain, peak = 2 * problem.t / SIZE, max(peak, abs(force))
         reached = [*events(problem, element_size / 2), abs(force) < 1e-3 * peak]
         while stage < len(STAGES) and reached[stage]:
-            name, scale = f"{stage + 1} {STAGES[stage]}", (20, 20, 20, 1)[stage]
+            name, scale = f"{stage + 1} {STAGES[stage]}", 20 if problem.t < 0.0055 * SIZE else 1
             style = {"limits": (0, 30), "colorbar": stage % 2 == 1}
             vmdg.plot.stress(problem, "xx", scale, axes[stage], **style)
             axes[stage].set(title=f"{name}, {problem.t * 1e3:.3g} µm", xlim=seen, ylim=seen)

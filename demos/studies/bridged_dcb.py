@@ -99,8 +99,7 @@ def main(
         bounds = BOUNDS if name == "bridged" else None
         fit = vmdg.identify(partial(beam, facet=facet), curve, start, bounds)
         found[name] = fit
-        (residuals,) = fit.residuals["measured"]
-        left.plot(opening, load + residuals, f"C{i}", label=LABELS[name])
+        left.plot(opening, *fit.fitted["measured"], f"C{i}", label=LABELS[name])
         bond = law(fit.estimate)
         gap = np.linspace(0, bond.critical_gap, 400)
         right.semilogy(

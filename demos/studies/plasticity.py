@@ -105,7 +105,7 @@ def void(coarse: bool) -> Result:
         ax.plot([], "C1--", lw=1, label="radius of the plastic zone")
         other.plot(motion, front, "C1--", lw=1)
         other.set_ylabel("radius of the plastic zone [mm]", color="C1")
-        other.set_ylim(top=3.5)
+        other.set_ylim(0, 3.5)
 
     return rows, {"A plastic matrix debonds from a rigid sphere": draw}
 

@@ -31,10 +31,12 @@ def draw(runs: dict[str, vmdg.History]) -> plt.Figure:
         mine = {name: history for name, history in runs.items() if name.startswith(scene)}
         for ax, (column, label) in zip(row, columns, strict=True):
             for i, (name, history) in enumerate(mine.items()):
-                ax.plot(history["load"], history[column], f"C{i}", label=name.replace("mu", "μ"))
-                theory = history[f"{column}_exact"]
-                ax.plot(history["load"], theory, f"C{i}--", lw=1, label="_" + name)
-            ax.plot([], "k--", lw=1, label="corrected beam theory")
+                ax.plot(
+                    history["load"], history[column], f"C{i}", lw=2.4, label=name.replace("mu", "μ")
+                )
+            for i, history in enumerate(mine.values()):
+                theory, said = history[f"{column}_exact"], "_" * i + "corrected beam theory"
+                ax.plot(history["load"], theory, "k--", lw=1, label=said)
             ax.set(xlabel=f"{motion} [mm]", ylabel=label)
             ax.grid(lw=0.3)
         row[0].legend()
