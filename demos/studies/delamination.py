@@ -321,12 +321,14 @@ def draw(case: Case, ran: Run) -> plt.Figure:
 
 
 def overview(runs: dict[str, Run]) -> plt.Figure:
-    """Load over motion of several cases."""
+    """Load over motion of several cases, whose runs follow the published curves."""
     rows = -(-len(runs) // 3)
-    figure, axes = plt.subplots(rows, 3, figsize=(10.5, 2.6 * rows), squeeze=False)
+    figure, axes = plt.subplots(rows, 3, figsize=(10.5, 2.7 * rows), squeeze=False)
     labels = {}
     for ax, (name, ran) in zip(axes.flat, runs.items(), strict=False):
         curves(ax, CASES[name], ran)
+        ax.set_title(CASES[name].title.replace(" (", "\n("))
+        ax.locator_params("x", nbins=5)
         handles, texts = ax.get_legend_handles_labels()
         labels |= dict(zip(texts, handles, strict=True))
     for ax in axes.flat[len(runs) :]:
@@ -347,7 +349,7 @@ def main(
     Args:
         case: Name of one, or "all".
         out: Folder for table and pictures.
-        plot: Draw a picture of every case, and one of all.
+        plot: Draw a picture of every case, and one of all in the plane.
         verbose: Print the residuals of every step.
     """
     names = list(CASES) if case == "all" else [case]
@@ -365,8 +367,9 @@ def main(
                 draw(CASES[name], runs[name]).savefig(Path(out) / f"{name}.png")
             (Path(out) / "delamination.md").write_text(table(rows) + "\n")
     if MPI.COMM_WORLD.rank == 0:
-        if plot and len(runs) > 1:
-            overview(runs).savefig(Path(out) / "overview.png")
+        plane = {name: ran for name, ran in runs.items() if CASES[name].along}
+        if plot and len(plane) > 1:
+            overview(plane).savefig(Path(out) / "overview.png")
         print(table(rows))
         print(f"results are in {out}")
     return rows
