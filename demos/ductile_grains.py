@@ -83,7 +83,8 @@ def main(
         options = vmdg.SolveOptions(csv=Path(out) / f"{name}.csv", **shown)
         loads = np.linspace(0.0, end, steps + 1)[1:]
         histories[name] = history = vmdg.solve(problem, loads, options, monitor).history
-        axes[name].set_title(f"{name} grains at {100 * SHOWN:g} %")
+        side = (-0.05 * SIZE, 1.1 * SIZE)
+        axes[name].set(title=f"{name} grains at {100 * SHOWN:g} %", xlim=side, ylim=side)
         strain = 100 * np.append(0.0, history["load"])
         axes["curve"].plot(strain, np.append(0.0, history["stress"]), ".-", label=name)
     axes["curve"].axvline(100 * SHOWN, color="0.7", ls="--", lw=1, label="pictures")

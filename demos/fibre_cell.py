@@ -84,8 +84,9 @@ def main(
         film = Path(out) / "fibre_cell.gif"
         vmdg.plot.animate(film, problem, snapshots, history, "load", stress, "mises", 3)
     vmdg.plot.curve(history, "load", stress, ax=axes[0], origin=True, color="black")
-    axes[0].set(xlabel="size of the mean strain")
+    axes[0].set(xlabel="size of the mean strain", ylabel="mean stress [MPa]")
     vmdg.plot.stress(problem, "mises", magnify=3, ax=axes[2])
+    axes[2].set_title("stress at the end")
     if problem.comm.rank == 0:
         figure.savefig(f"{out}/fibre_cell.png")
         print(f"largest {stress} {peak:.4g} MPa; results are in {out}")

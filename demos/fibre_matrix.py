@@ -87,8 +87,8 @@ def main(
     tagged = meshes.fibre_matrix(MPI.COMM_WORLD, cell, SIZE, radius, centres, element_size)
     problem = build(tagged, critical_gap, activate)
     figure = plt.figure(figsize=(11, 6.6), layout="constrained")
-    axes = figure.subplot_mosaic([[0, 1, "curve"], [2, 3, "curve"]])
-    stage, peak, snapshots = 0, 0.0, []
+    axes = figure.subplot_mosaic([[0, 1, "curve"], [2, 3, "curve"]], width_ratios=(5, 5, 4))
+    stage, peak, snapshots, seen = 0, 0.0, [], (-0.12 * SIZE, 1.12 * SIZE)
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
         nonlocal stage, peak
@@ -96,10 +96,10 @@ def main(
         strain, peak = 2 * problem.t / SIZE, max(peak, abs(force))
         reached = [*events(problem, element_size / 2), abs(force) < 1e-3 * peak]
         while stage < len(STAGES) and reached[stage]:
-            name, scale = f"{stage + 1} {STAGES[stage]}", (20, 20, 20, 1)[stage]
+            name, scale = f"{stage + 1} {STAGES[stage]}", 20 if problem.t < 0.0055 * SIZE else 1
             style = {"limits": (0, 30), "colorbar": stage % 2 == 1}
             vmdg.plot.stress(problem, "xx", scale, axes[stage], **style)
-            axes[stage].set_title(f"{name}, {problem.t * 1e3:.3g} µm")
+            axes[stage].set(title=f"{name}, {problem.t * 1e3:.3g} µm", xlim=seen, ylim=seen)
             axes["curve"].plot(100 * strain, force / SIZE, "o", label=stage + 1)
             stage += 1
         if animate:

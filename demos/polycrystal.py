@@ -112,7 +112,9 @@ def main(
     vmdg.plot.curve(history, "strain_xx", "stress_xx", curve, origin=True, color="black")
     vmdg.plot.interface_map(problem, "damage", damage, (0, 1), above=0.5 if solid else -1)
     vmdg.plot.stress(problem, "xx", 10, stress, (-STRENGTH / 2, STRENGTH))
-    damage.set_title("boundaries at the end")
+    curve.set(xlabel="mean strain", ylabel="mean stress [MPa]")
+    damage.set_title("grain boundaries at the end")
+    stress.set_title("stress at the end")
     if problem.comm.rank == 0:
         figure.savefig(f"{out}/polycrystal.png")
         strain, force = history["strain_xx"], history["stress_xx"]

@@ -77,7 +77,8 @@ def main(out: str = "results/tutorial_laminate") -> dict[str, vmdg.History]:
     openings, histories = np.linspace(0.1, 4.0, 40), {}
     for name, angles in LAYUPS.items():
         histories[name] = history = open_arms(angles, openings)
-        curve(history, "opening", "force", loads, origin=True, label=name)
+        shown = name.replace("]", "]$_{") + "}$"
+        curve(history, "opening", "force", loads, origin=True, label=shown)
         exact, label = theory(angles, openings[13:]), "_" * (len(histories) - 1) + "laminate theory"
         loads.plot(openings[13:], exact, "k--", lw=0.8, zorder=0, label=label)
         curve(history, "crack", "resistance", resistance)

@@ -49,7 +49,8 @@ def apart(parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]) -> TaggedMesh:
     for i, mine in enumerate(tags):
         if twice := mine.intersection(*[set().union(*tags[:i])]):
             raise ValueError(
-                f"apart: cell tag {min(twice)} is in two parts; give every body tags of its own"
+                f"apart: cell tag {min(twice)} is in two parts; give every body tags of its own, "
+                "in gmsh by addPhysicalGroup(dim, entities, tag=2, name=...)"
             )
     names = [names_of([part[i] for part in parts]) for i in (1, 2)]
     return distributed(comm, *cells_in_order(comm, parts), meshes[0], names)

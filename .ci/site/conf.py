@@ -33,9 +33,10 @@ _MockObject.__init__.__doc__ = ""
 
 import vmdg  # noqa: E402
 
-#: Pages whose formulas are typeset: explanations, how-to, reference, names of the API, tutorials.
+#: Pages whose formulas are typeset: explanations, how-to, reference, names of the API, tutorials;
+#: not that of units, whose letters are no symbols.
 FORMULAS = (
-    "explanation|howto|reference|names/|derivations|equations|microstructure|glossary|path"
+    "explanation|howto(?!/choose-units)|reference|names/|derivations|equations|microstructure|glossary|path"
     "|demos/tutorial"
 )
 
@@ -110,6 +111,7 @@ def setup(app) -> None:
     app.connect("autodoc-process-docstring", _readable, priority=400)
     app.connect("autodoc-skip-member", _said_before)
     app.connect("doctree-read", _typeset)
+    app.connect("doctree-resolved", _fitted)
 
 
 def _readable(app, what, name, item, options, lines: list[str]) -> None:
@@ -146,3 +148,31 @@ def _typeset(app, tree) -> None:
             pieces += [nodes.Text(text[last:start]), made]
             last = end
         node.parent.replace(node, [*pieces, nodes.Text(text[last:])])
+
+
+#: Characters of the longest cell from which a table has sentences, and the most columns of one.
+SENTENCE, COLUMNS = 30, 6
+
+
+def _fitted(app, tree, docname: str) -> None:
+    """Tables that fit on narrow screens: those of sentences have the heads in their cells, too,
+    to be shown as a list of rows; those of numbers are set closely."""
+    for table in tree.findall(nodes.table):
+        rows = [list(row) for row in table.findall(nodes.row)]
+        if len(rows) < 2 or not table.next_node(nodes.thead):
+            continue
+        head, *body = rows
+        pictures = table.next_node(nodes.image) is not None
+        if not any(title.astext() for title in head):
+            continue
+        longest = max((len(entry.astext()) for row in body for entry in row), default=0)
+        if len(head) <= COLUMNS and longest >= SENTENCE:
+            table["classes"].append("entries" if pictures and len(head) > 4 else "sentences")
+            for row in body:
+                for title, entry in zip(head[1:], row[1:], strict=False):
+                    said = nodes.inline(classes=["cell-head"])
+                    said += [child.deepcopy() for part in title for child in part]
+                    if said.astext() and entry.astext() and not entry.next_node(nodes.image):
+                        entry[0].insert(0, said)
+        elif len(head) > 4:
+            table["classes"].append("numbers")

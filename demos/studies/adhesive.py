@@ -109,10 +109,11 @@ def main(
     figure, axes = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
     rows = []
     for (joint, pull), ax in zip(joints.items(), axes, strict=True):
-        for name in tqdm(layers or LAYERS, desc=joint, disable=None):
+        for i, name in enumerate(tqdm(layers or LAYERS, desc=joint, disable=None)):
             found[joint][name] = history = pull(*LAYERS[name], facet)
             way, force = history["load"], history["force"]
-            ax.plot(np.append(0.0, way), np.append(0.0, force), lw=1.2, label=name)
+            # Curves that lie on each other are seen by their widths.
+            ax.plot(np.append(0.0, way), np.append(0.0, force), lw=3.5 - 0.45 * i, label=name)
             stiffness, peak = force[0] / way[0], force.argmax()
             numbers = (f"{x:.4g}" for x in (stiffness, force[peak], way[peak]))
             rows.append((joint, name, *numbers))

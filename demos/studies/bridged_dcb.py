@@ -44,8 +44,7 @@ STARTS = {
         "Orthotropic.C00": 110e3,
     },
 }
-
-
+LABELS = {"linear": "linear softening", "bridged": "with bridges of fibres"}
 #: Where the bridged law is one, and bridges are no longer than the beam.
 BOUNDS = {"bond.bridging": (0.05, 10.0), "bond.knee": (0.01, 0.1), "bond.critical_gap": (0.11, 3.0)}
 
@@ -94,17 +93,18 @@ def main(
     opening, load = np.array(MEASURED[::every]).T
     curve, found = vmdg.Curve(opening, load), {}
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.8), layout="constrained")
-    left.plot(opening, load, "ko", ms=4, mfc="none", label="de Gracia et al. 2015")
+    left.plot(opening, load, "ko", ms=4, mfc="none", label="measured (de Gracia et al. 2015)")
     lines = []
     for i, (name, start) in enumerate(STARTS.items()):
         bounds = BOUNDS if name == "bridged" else None
         fit = vmdg.identify(partial(beam, facet=facet), curve, start, bounds)
         found[name] = fit
-        (residuals,) = fit.residuals["measured"]
-        left.plot(opening, load + residuals, f"C{i}", lw=1, label=name)
+        left.plot(opening, *fit.fitted["measured"], f"C{i}", label=LABELS[name])
         bond = law(fit.estimate)
         gap = np.linspace(0, bond.critical_gap, 400)
-        right.semilogy(gap, bond.soften(np.full(400, STRENGTH), gap)[0], f"C{i}", lw=1, label=name)
+        right.semilogy(
+            gap, bond.soften(np.full(400, STRENGTH), gap)[0], f"C{i}", label=LABELS[name]
+        )
         energy = bond.bond_energy(np.array([STRENGTH]))[0]
         lines.append((name, "energy [N/mm]", f"{energy:.4g}", "", f"{fit.noise:.2g}"))
         lines += [

@@ -151,19 +151,19 @@ CASES = {
         {"peak load": 49.5},
     ),
     "dcb-nasa": Case(
-        "DCB, experiments 71.0-80.1 N (NASA 2020)",
+        "DCB, experiments 71.0\N{EN DASH}80.1 N (NASA 2020)",
         _dcb(IM7_8552, **FINE, end=8.0, steps=30, length=190.0, a_0=63.5),
         {"peak load": 75.6},
     ),
     "enf-nasa": Case(
-        "ENF, experiments 692-732 N (NASA 2020)",
+        "ENF, experiments 692\N{EN DASH}732 N (NASA 2020)",
         lambda verbose: enf(
             element_size=0.25, steps=18, end=4.95, m=IM7_8552, L=101.6, a_0=76.2, verbose=verbose
         ),
         {"peak load": 712.0},
     ),
     "4enf-nasa": Case(
-        "4ENF, experiments 1555-1715 N (NASA 2020)",
+        "4ENF, experiments 1555\N{EN DASH}1715 N (NASA 2020)",
         lambda verbose: four_point(verbose=verbose),
         {"peak load": 1645.0},
         motion="deflection",
@@ -175,12 +175,12 @@ CASES = {
         motion="cycles",
     ),
     "peel-90": Case(
-        "peel at 90 degrees, finite strain",
+        "peel at 90°, finite strain",
         lambda verbose: peel(90.0, verbose=verbose),
         motion="crack",
     ),
     "peel-180": Case(
-        "peel at 180 degrees, finite strain",
+        "peel at 180°, finite strain",
         lambda verbose: peel(180.0, verbose=verbose),
         motion="crack",
     ),
@@ -192,7 +192,7 @@ CASES = {
         along=False,
     ),
     "d30": Case(
-        "DCB of +-30 and 0 degrees in 3D (Krueger 2008)",
+        "DCB of ±30° and 0° plies in 3D (Krueger 2008)",
         lambda verbose: d30(verbose=verbose),
         _points(D30),
         list(D30.points.values()),
@@ -247,8 +247,9 @@ def _off_curve(case: Case, history: vmdg.History) -> list[tuple[str, float, floa
 LABELS = {"crack": ("crack [mm]", "N/mm"), "cycles": ("cycles", "N")}
 
 
-def curves(ax: plt.Axes, case: Case, history: vmdg.History) -> None:
+def curves(ax: plt.Axes, case: Case, ran: Run) -> None:
     """Load over motion against published values and beam theory."""
+    history = ran.history
     along = case.motion in LABELS
     motion, load = (np.append(0.0, history[column]) for column in (case.motion, case.force))
     ax.plot(motion[along:], load[along:], label="vmdg")
@@ -256,6 +257,8 @@ def curves(ax: plt.Axes, case: Case, history: vmdg.History) -> None:
         ax.axhline(case.published["peak load"], color="k", ls=":", lw=1, label="published peak")
     if len(case.curve):
         ax.plot(*np.transpose(case.curve), "ko", ms=4, mfc="none", label="published")
+    if ran.points:
+        ax.plot(*np.transpose(ran.points), "C1x", label="vmdg, first growth")
     if "force_exact" in history.columns:
         ax.plot(motion, np.append(0.0, history["force_exact"]), "k--", lw=1, label="beam theory")
     label, unit = LABELS.get(case.motion, ("opening or deflection [mm]", "N"))
@@ -270,7 +273,7 @@ def front(ax: plt.Axes, history: vmdg.History, count: int = 8) -> None:
     for i, row in enumerate(np.linspace(0, len(history) - 1, count).astype(int)):
         lengths = [history[name][row] for name in names]
         ax.plot(lengths, across, ".-", color=plt.cm.viridis(i / count), lw=1, ms=3)
-    ax.set(xlabel="crack [mm]", ylabel="width [mm]", title="front, from dark to light as it runs")
+    ax.set(xlabel="crack [mm]", ylabel="width [mm]", title="crack front, dark to light as it moves")
     ax.grid(lw=0.3)
 
 
@@ -278,7 +281,7 @@ def release(ax: plt.Axes, history: vmdg.History) -> None:
     """Energy release rates of opening and shear over the crack."""
     for name, mode in (("mode_1", "I"), ("mode_2", "II")):
         ax.plot(history["crack"], history[name], label=f"$J_{{{mode}}}$")
-    ax.set(xlabel="crack [mm]", ylabel="N/mm", title="energy release rate")
+    ax.set(xlabel="crack [mm]", ylabel="J [N/mm]", title="energy release rate (J integral)")
     ax.legend()
     ax.grid(lw=0.3)
 
@@ -288,8 +291,8 @@ def growth(ax: plt.Axes, history: vmdg.History) -> None:
     share, speed = paris(of_history(history))
     ax.loglog(share, 1e6 * speed, "o", mfc="none", label="vmdg")
     speed = WITHOUT_SPEED * (share / SHARE) ** WITHOUT_SLOPE
-    ax.loglog(share, 1e6 * speed, "k--", lw=1, label="without vmdg")
-    ax.set(xlabel="$G/G_c$", ylabel="$da/dN$ [nm]", title="growth")
+    ax.loglog(share, 1e6 * speed, "k--", lw=1, label="law along a given crack, without vmdg")
+    ax.set(xlabel="$G/G_c$", ylabel="growth in a cycle [nm]", title="crack growth")
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter("{x:g}")
@@ -300,9 +303,7 @@ def growth(ax: plt.Axes, history: vmdg.History) -> None:
 def draw(case: Case, ran: Run) -> plt.Figure:
     """Load over motion; the front in 3D, growth by cycles, energy released in peel, else length."""
     figure, (force, crack) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
-    curves(force, case, ran.history)
-    if ran.points:
-        force.plot(*np.transpose(ran.points), "C0x", label="vmdg, first growth")
+    curves(force, case, ran)
     force.legend()
     if any(name.startswith("front_") for name in ran.history.columns):
         front(crack, ran.history)
@@ -314,23 +315,23 @@ def draw(case: Case, ran: Run) -> plt.Figure:
         release(crack, ran.history)
         return figure
     crack.plot(ran.history[case.motion], ran.history["crack"], marker=".", ms=3, lw=0.5)
-    crack.set(xlabel="opening or deflection [mm]", ylabel="crack [mm]", title="crack")
+    crack.set(xlabel="opening or deflection [mm]", ylabel="crack [mm]", title="crack length")
     crack.grid(lw=0.3)
     return figure
 
 
-def overview(folder: Path) -> plt.Figure:
-    """Load over motion of all cases whose tables are in the folder."""
-    there = {name: folder / f"{name}.csv" for name in CASES if (folder / f"{name}.csv").is_file()}
-    rows = -(-len(there) // 3)
-    figure, axes = plt.subplots(rows, 3, figsize=(10.5, 2.6 * rows), squeeze=False)
+def overview(runs: dict[str, Run]) -> plt.Figure:
+    """Load over motion of several cases, whose runs follow the published curves."""
+    rows = -(-len(runs) // 3)
+    figure, axes = plt.subplots(rows, 3, figsize=(10.5, 2.7 * rows), squeeze=False)
     labels = {}
-    for ax, (name, file) in zip(axes.flat, there.items(), strict=False):
-        curves(ax, CASES[name], vmdg.History.from_csv(file))
-        ax.set_title(CASES[name].title)
+    for ax, (name, ran) in zip(axes.flat, runs.items(), strict=False):
+        curves(ax, CASES[name], ran)
+        ax.set_title(CASES[name].title.replace(" (", "\n("))
+        ax.locator_params("x", nbins=5)
         handles, texts = ax.get_legend_handles_labels()
         labels |= dict(zip(texts, handles, strict=True))
-    for ax in axes.flat[len(there) :]:
+    for ax in axes.flat[len(runs) :]:
         ax.set_axis_off()
     figure.legend(labels.values(), labels.keys(), loc="lower right", ncols=len(labels))
     figure.tight_layout(rect=(0, 0.03, 1, 1))
@@ -347,26 +348,28 @@ def main(
 
     Args:
         case: Name of one, or "all".
-        out: Folder for table and pictures; one of them shows all cases that were run there.
-        plot: Draw a picture of every case.
+        out: Folder for table and pictures.
+        plot: Draw a picture of every case, and one of all in the plane.
         verbose: Print the residuals of every step.
     """
     names = list(CASES) if case == "all" else [case]
     if unknown := set(names) - set(CASES):
         raise ValueError(f"case = {unknown.pop()!r} must be all or one of {', '.join(CASES)}")
     rows: list[Row] = []
+    runs: dict[str, Run] = {}
     Path(out).mkdir(parents=True, exist_ok=True)
     for name in names:
-        result, lines = measure(name, CASES[name], verbose)
+        runs[name], lines = measure(name, CASES[name], verbose)
         rows += lines
         if MPI.COMM_WORLD.rank == 0:
-            result.history.to_csv(Path(out) / f"{name}.csv")
+            runs[name].history.to_csv(Path(out) / f"{name}.csv")
             if plot:
-                draw(CASES[name], result).savefig(Path(out) / f"{name}.png")
+                draw(CASES[name], runs[name]).savefig(Path(out) / f"{name}.png")
             (Path(out) / "delamination.md").write_text(table(rows) + "\n")
     if MPI.COMM_WORLD.rank == 0:
-        if plot:
-            overview(Path(out)).savefig(Path(out) / "overview.png")
+        plane = {name: ran for name, ran in runs.items() if CASES[name].along}
+        if plot and len(plane) > 1:
+            overview(plane).savefig(Path(out) / "overview.png")
         print(table(rows))
         print(f"results are in {out}")
     return rows

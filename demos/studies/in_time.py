@@ -137,14 +137,14 @@ HEAD = ("bar in two by", "step c/h", "periods", "largest energy", "change of T i
 
 def draw(beats: list[Beat]) -> plt.Figure:
     """Energy over the first three periods."""
-    figure, ax = plt.subplots(figsize=(9, 4), layout="constrained")
+    figure, ax = plt.subplots(figsize=(10.5, 4), layout="constrained")
     for beat in beats:
         label, thick = f"{beat.name}, {beat.step:.2f}", beat.name == "vmdg"
         line = ax.semilogy(beat.times / PERIOD, beat.energy, lw=2 if thick else 0.8, label=label)
         line[0].set_color("k" if thick else line[0].get_color())
     ax.set(xlabel="periods", ylabel="energy, relative to that at the start", ylim=(0.8, FAILED))
     ax.set_xlim(0, 3)
-    figure.legend(title="bond, step relative to h/c", fontsize=8, loc="outside right upper")
+    figure.legend(title="bond, step relative to h/c", loc="outside right upper")
     return figure
 
 

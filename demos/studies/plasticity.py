@@ -74,7 +74,7 @@ def tubes(coarse: bool) -> Result:
             ax.loglog(counts, values, f"C{i // 2}{'o' if i % 2 == 0 else '-'}", label=name)
         ax.set_xticks(counts, [str(n) for n in counts], minor=False)
         ax.set_xticks([], minor=True)
-        ax.set(xlabel="cells across a ring", ylabel="error of the displacement")
+        ax.set(xlabel="cells across the wall", ylabel="relative error of the displacement")
 
     return rows, {"Shells under pressure": draw}
 
@@ -99,9 +99,11 @@ def void(coarse: bool) -> Result:
         ax.plot([where for where, _, _ in exact], traction, "C0o", mfc="none", label="vmdg")
         ax.set(xlabel="motion of the outer surface [mm]", ylabel="traction of the bond [MPa]")
         other = ax.twinx()
+        other.spines.right.set_visible(True)
+        ax.plot([], "C1--", lw=1, label="radius of the plastic zone")
         other.plot(motion, front, "C1--", lw=1)
-        other.set_ylabel("plastic radius [mm]", color="C1")
-        other.set_ylim(top=3.5)
+        other.set_ylabel("radius of the plastic zone [mm]", color="C1")
+        other.set_ylim(0, 3.5)
 
     return rows, {"A plastic matrix debonds from a rigid sphere": draw}
 
@@ -126,8 +128,8 @@ def opened(coarse: bool) -> Result:
             ax.plot(history["crack"] - arms.CRACK, history["moment"], f"C{i}.-", ms=3, label=label)
         ax.axhline(theory, color="k", ls="--", lw=1, label="J integral")
         elastic = arms.elastic_moment()
-        ax.axhline(elastic, color="k", ls=":", lw=1, label="elastic arms")
-        ax.set(xlabel="growth of the crack [mm]", ylabel="moment [N]")
+        ax.axhline(elastic, color="k", ls=":", lw=1, label="if the arms were elastic")
+        ax.set(xlabel="growth of the crack [mm]", ylabel="moment per width [N]")
 
     return rows, {"Plastic arms bent apart": draw}
 

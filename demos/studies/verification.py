@@ -23,14 +23,17 @@ def draw(runs: dict[str, vmdg.History]) -> plt.Figure:
     scenes = (("DCB", "opening"), ("ENF", "deflection"))
     size = {"figsize": (9.5, 7.2), "layout": "constrained"}
     figure, axes = plt.subplots(len(scenes), 2, **size)
-    columns = (("force", "load P [N]"), ("crack", "crack a [mm]"))
+    columns = (("force", "load [N]"), ("crack", "crack length [mm]"))
     for row, (scene, motion) in zip(axes, scenes, strict=True):
         mine = {name: history for name, history in runs.items() if name.startswith(scene)}
         for ax, (column, label) in zip(row, columns, strict=True):
             for i, (name, history) in enumerate(mine.items()):
-                ax.plot(history["load"], history[column], f"C{i}", label=name.replace("mu", "μ"))
-                theory = history[f"{column}_exact"]
-                ax.plot(history["load"], theory, "k--", lw=1, label="_" * i + "beam theory")
+                ax.plot(
+                    history["load"], history[column], f"C{i}", lw=2.4, label=name.replace("mu", "μ")
+                )
+            for i, history in enumerate(mine.values()):
+                theory, said = history[f"{column}_exact"], "_" * i + "corrected beam theory"
+                ax.plot(history["load"], theory, "k--", lw=1, label=said)
             ax.set(xlabel=f"{motion} [mm]", ylabel=label)
             ax.grid(lw=0.3)
         row[0].legend()

@@ -65,7 +65,10 @@ def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[n
     """Local nodes (block numbers) by a predicate on coordinates (3, n); collective."""
     nodes = nodes_where(space, where, what)
     if global_sum(space.mesh.comm, len(nodes)) == 0:
-        raise ValueError(f"{what}: no node is selected on any rank")
+        raise ValueError(
+            f"{what}: no node is selected on any rank; where a node has to be, the geometry needs a "
+            "point, or the condition an interval"
+        )
     return nodes
 
 
@@ -82,6 +85,7 @@ def component_index(component: int | str | None, d: int, what: str) -> int | Non
     raise ValueError(
         f"{what}: unknown component {component!r}; in {d}D it is one of 0..{d - 1} or "
         f"{', '.join(names)}, or None for all"
+        + (" (in axisymmetry x is r, y is z)" if component in ("r", "z") else "")
     )
 
 

@@ -21,7 +21,7 @@ from ..base.parallel import gathered, global_max, raise_together
 from ..output.history import History
 from ..problem.problem import Problem
 from ..problem.states import Snapshot
-from .stress import Limits, curve, deformed_ends, stress, stress_means
+from .stress import Limits, add_colorbar, curve, deformed_ends, stress, stress_means
 
 
 def animate(
@@ -160,9 +160,9 @@ def film(
     height = 0.75 * inches * sides[1] / sides[0] + 1.0
     figure, ax = plt.subplots(figsize=(inches, height), layout="constrained")
     box = (low[0], low[0] + sides[0], low[1], low[1] + sides[1])
-    picture = np.ma.masked_array(values[0][node], outside)
+    picture = np.ma.masked_array(np.max(values, axis=0)[node], outside)
     shown = ax.imshow(picture, "inferno", origin="lower", extent=box, vmin=0, vmax=most)
-    figure.colorbar(shown, label=label)
+    add_colorbar(ax, shown, label)
     ax.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = GifWriter(fps)

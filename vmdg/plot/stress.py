@@ -35,6 +35,8 @@ Drawn = TypeVar("Drawn", bound=Collection)
 
 #: Largest length up to which an axis is in µm [mm].
 SMALL = 0.15
+#: By unit a smaller one, its number in the unit, and the largest value up to which an axis has it.
+SMALLER = {"mm": ("µm", 1e3, SMALL), "s": ("µs", 1e6, 1e-3)}
 #: Height of a plane body relative to its width below which its colour bar is above it [-].
 FLAT = 0.4
 #: Width of a colour bar, and its distance from the body [inch].
@@ -53,7 +55,8 @@ def curve(
     origin: bool = False,
     **style: object,
 ) -> Axes:
-    """Draw one column of a history over another; lengths of less than 0.15 mm in µm.
+    """Draw one column of a history over another; lengths of less than 0.15 mm in µm, times of
+    less than 1 ms in µs.
 
     Args:
         history: The history of a run.
@@ -85,18 +88,20 @@ def curve(
 
 
 def label_axis(axis: Axis, label: str, largest: float) -> None:
-    """Label an axis, in µm instead of mm where the largest length on it is small.
+    """Label an axis, in µm instead of mm, or µs instead of s, where its largest value is small.
 
     Args:
-        axis: Of axes, whose data are in mm.
+        axis: Of axes, whose data are in the unit of the label.
         label: With its unit, as "x [mm]".
-        largest: Largest length on the axis [mm].
+        largest: Largest value on the axis.
     """
-    if label.endswith(" [mm]") and largest < SMALL:
-        axis.set_major_formatter(
-            lambda value, _: f"{1000 * value:.6g}".replace("-", "\N{MINUS SIGN}")
-        )
-        label = label.replace("[mm]", "[µm]")
+    for unit, (smaller, factor, bound) in SMALLER.items():
+        if label.endswith(f" [{unit}]") and largest < bound:
+            axis.set_major_formatter(
+                lambda value, _, k=factor: f"{k * value:.6g}".replace("-", "\N{MINUS SIGN}")
+            )
+            label = label.replace(f"[{unit}]", f"[{smaller}]")
+            break
     axis.set_label_text(label)
 
 

@@ -383,7 +383,7 @@ def draw(rows: Sequence[Row]) -> Figure:
         Line2D([], [], color="gray", mfc="none", marker=m, label=c) for c, m in markers.items()
     ]
     kinds += [Line2D([], [], color=c, label=f"degree {k}") for k, c in colours.items()]
-    axes[-1].legend(handles=kinds, fontsize=8, loc="lower right")
+    axes[-1].legend(handles=kinds, loc="lower right")
     figure.suptitle(f"Curved interface, distorted cells, moduli 1 : {top:g}")
     return figure
 
