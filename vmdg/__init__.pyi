@@ -43,6 +43,7 @@ from .materials.drucker_prager import DruckerPrager as DruckerPrager
 from .materials.j2 import J2 as J2
 from .materials.point import PointMaterial as PointMaterial
 from .materials.point import Response as Response
+from .materials.viscoelastic import Viscoelastic as Viscoelastic
 from .output.cell import AxialMotion as AxialMotion
 from .output.cell import PeriodicCell as PeriodicCell
 from .output.crack import CrackGrowth as CrackGrowth

@@ -199,18 +199,18 @@ def test_refused(comm):
 def test_material_of_a_user(comm):
     """That of the reference page: a sheared block relaxes as backward Euler says."""
     page = (Path(vmdg.__file__).parent / "GUIDE.md").read_text()
-    (block,) = re.findall(r"```python\n(class Viscoelastic.*?)```", page, re.DOTALL)
+    (block,) = re.findall(r"```python\n(class Maxwell.*?)```", page, re.DOTALL)
     scope = {"np": np, "vmdg": vmdg}
     exec(block, scope)
     relaxation, dt = 2.0, 0.5
-    material = scope["Viscoelastic"](E, NU, relaxation)
+    material = scope["Maxwell"](E, NU, relaxation)
     scene = two_blocks(comm, "quadrilateral", n=2)
     problem = joined(scene, vmdg.Bonded(), (material, material), kinematics="small", degree=2)
     everything = lambda x: np.full(x.shape[1], True)  # noqa: E731
     problem.dirichlet(everything, lambda x, t: np.stack([0.01 * min(t, dt) / dt * x[1], 0 * x[0]]))
     G = E / (2 * (1 + NU))
     for step in range(1, 5):
-        vmdg.solve(problem, [step * dt])
+        vmdg.solve(problem, [step * dt], vmdg.SolveOptions(duration=1.0))
         stress = problem.body_state(1).stress[:, 0, 1]
         assert stress == pytest.approx(G * 0.01 / (1 + dt / relaxation) ** step, rel=1e-9)
     assert problem.energy().plastic > 0.0

@@ -48,8 +48,12 @@ def identity(problem: Problem) -> dict[str, Any]:
     if problem.loading.given.starts:
         result["supports with relative=True"] = len(problem.loading.given.starts)
     for tag, material in sorted(problem.materials.items()):
-        known = material.numbers if isinstance(material, PointMaterial) else material.parameters
+        at_points = isinstance(material, PointMaterial)
+        known = material.numbers if at_points else material.parameters
         result[f"material {tag}"] = _described(material, known)
+        if at_points:  # tables
+            lists = {name: value for name, value in known.items() if isinstance(value, list)}
+            result[f"material {tag}"] |= lists
     for i, interface in enumerate(problem.interfaces):
         count = int(global_sum(mesh.comm, len(problem.step.activation.facets[i].facets)))
         result[f"facets of interface {i}"] = count

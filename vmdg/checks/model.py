@@ -265,7 +265,7 @@ def rated(problem: Problem) -> bool:
     """Whether laws or bodies of a problem depend on the time step."""
     bodies = problem.discretization.bodies.points
     laws = any(interface.law.viscosity > 0 for interface in problem.interfaces)
-    return laws or (bodies is not None and bodies.viscous)
+    return laws or (bodies is not None and bool(bodies.viscous))
 
 
 # Proportions

@@ -82,6 +82,7 @@ class PointBodies:
         cells: Local cells, by tag in the order of ``materials``, (n,).
         points: Reference points in a cell (q, d).
         extrapolation: Values of the points in a cell to coefficients of the facet fields (m, q).
+        viscous: Material and tag of a body whose stress depends on the time step; empty for none.
         lost: Material and tag of this rank's points whose stress or moduli were not finite for a
             finite F at the last evaluation; empty for none.
     """
@@ -103,7 +104,8 @@ class PointBodies:
         self._deformed: PointDeformation | None = None
         self.lost = ""
         self.symmetric = all(material.symmetric for material in materials.values())
-        self.viscous = any(material.viscous for material in materials.values())
+        timed = [f"{type(m).__name__} (tag {tag})" for tag, m in materials.items() if m.viscous]
+        self.viscous = next(iter(timed), "")
         chosen = [cells_of[tag] for tag in materials]
         self.cells = np.concatenate(chosen).astype(np.int32)
         bounds = np.cumsum([0, *map(len, chosen)])

@@ -54,8 +54,9 @@ class PointMaterial(Material):
             the columns of ``state``.
         symmetric: Whether the moduli have major symmetry, A_ijkl = A_klij, as those of an
             associated flow rule do.
-        viscous: Whether the stress depends on the time step; the path is then followed by load, as
-            with laws that depend on the rate.
+        viscous: Whether the stress depends on the time step; runs then need a duration, and the
+            path is followed by load, as with laws that depend on the rate.
+        locks: Whether it may flow at constant volume, so that cells of degree 1 lock.
         kinematics: Kinds of strain for which it is defined: "small", "finite".
         numbers: Values by which a checkpoint knows the material again.
 
@@ -65,7 +66,7 @@ class PointMaterial(Material):
 
     fields: Mapping[str, int] = {}
     symmetric = True
-    viscous = False
+    viscous, locks = False, True
     kinematics: tuple[str, ...] = ("small", "finite")
 
     def __init__(self, elastic: Material):
@@ -103,7 +104,7 @@ class PointMaterial(Material):
         Args:
             deformation: Deformation gradient F, at small strain the symmetric strain (n, 3, 3).
             state: History at the start of the step (n, m).
-            dt: Time step [s]; infinite if time does not matter.
+            dt: Time step [s]; infinite in a jump, or at a load factor that stays.
         """
         raise NotImplementedError(
             f"{type(self).__name__} has no stress: define __call__(deformation, state, dt, small)"

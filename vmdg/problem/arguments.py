@@ -193,7 +193,7 @@ def check_points(
                 f"{what} is evaluated at points, which cannot be combined with traction_jump=True "
                 "of an interface: its term uses energy of the cells that plastic flow removes"
             )
-    if at_points and locks:
+    if locks and any(material.locks for material in at_points.values()):
         bricks = mesh.topology.cell_name() in ("quadrilateral", "hexahedron")
         cure = "volumetric='mean' or degree=2" if bricks else "degree=2"
         warn_together(

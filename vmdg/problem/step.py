@@ -34,6 +34,9 @@ from .states import Energy, Rates, RunScales, Snapshot
 #: Relative step for finite differences of the residual by the load factor.
 RATE_STEP = 1e-7
 
+#: A time in which no body flows or relaxes [s].
+INSTANT = 1e-150
+
 #: Maximum number of repetitions of a step with the tau_s of its end.
 MOST_REPEATS = 3
 
@@ -167,10 +170,11 @@ class Step:
             active.slow_down(overstress, cycles)
 
     def assemble_residual(
-        self, dt: float = 1.0, hold: bool = False, anew: bool = False
+        self, dt: float = INSTANT, hold: bool = False, anew: bool = False
     ) -> NDArray[np.float64]:
         """Return maps, then internal minus external forces at the current displacement, owned dofs,
-        prescribed ones included [N]; ``hold`` fixes zeta at its converged value."""
+        prescribed ones included [N]; ``hold`` fixes zeta at its converged value. By default no time
+        passes."""
         return self.discretization.assemble_residual(dt, hold, self._loading.vector, anew)
 
     def hold(self, dt: float, anew: bool, softens: bool) -> None:

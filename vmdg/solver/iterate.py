@@ -122,7 +122,8 @@ class Iterate:
         """Length along a direction at which the damage work is about at its limit, or the full
         length."""
         length, limits, sound = self._shorter(start, way, length), self.limits, self.sound
-        if not sound.points or limits.at_onset or way.t == 0:
+        # At a given load no step can end at an onset.
+        if not (sound.points and self.parameter.moves and way.t) or limits.at_onset:
             return length
         self.map(start.plus(way, length))
         if not self._pieces.work(sound.points) > limits.onset:

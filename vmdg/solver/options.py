@@ -31,7 +31,7 @@ VALUES = {
     "control": (f"one of {CONTROLS}", CONTROLS.__contains__),
     "unstable": (f"one of {UNSTABLE}", UNSTABLE.__contains__),
     "max_share": _SHARE,
-    "duration": _POSITIVE,
+    "duration": ("positive and finite, or None", lambda v: v is None or 0 < v < np.inf),
     "cycles": ("zero or positive and finite", lambda value: 0 <= value < np.inf),
     "max_loss": _SHARE,
     "checkpoint_every": ("an integer >= 1", lambda value: value >= 1 and value % 1 == 0),
@@ -165,7 +165,8 @@ class SolveOptions:
             the smallest failed attempt, but not with ``control="load"``.
         max_share: Largest fraction of all bonds broken in a step of the path: smaller values
             resolve peaks better and reduce the first-order error of path-dependent laws.
-        duration: Time per unit of load factor [s]; affects laws with viscosity only.
+        duration: Time per unit of load factor [s], 1 s by default; bodies whose stress depends on
+            time, as those of :class:`vmdg.Viscoelastic`, need it.
         cycles: Load cycles per unit of load factor, for :class:`vmdg.FatigueDebonding`; 0 for
             monotonic loading. Loads are the maxima of a cycle. Such a run uses load control.
         max_loss: Largest fraction of the strength lost at a point in a step with cycles, which
@@ -204,7 +205,7 @@ class SolveOptions:
     control: str = "auto"
     unstable: str = "jump"
     max_share: float = 0.1
-    duration: float = 1.0
+    duration: float | None = None
     cycles: float = 0.0
     max_loss: float = 0.2
     petsc: Petsc | None = None

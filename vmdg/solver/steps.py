@@ -48,6 +48,13 @@ class Steps:
                 f"SolveOptions: cycles = {options.cycles}, but no law of the problem depends on "
                 "them; use vmdg.FatigueDebonding, or cycles=0"
             )
+        bodies = problem.discretization.bodies.points
+        if options.duration is None and bodies and bodies.viscous:
+            raise ValueError(
+                f"SolveOptions: the stress of the {bodies.viscous} depends on time, which is "
+                "duration= seconds per unit of load factor; give SolveOptions(duration=1.0) if "
+                "load factors are times in seconds"
+            )
         self._corrector = self._begin()
 
     def _begin(self) -> Corrector:
@@ -165,7 +172,7 @@ class Steps:
         # A step of zero length is at rest: rate effects vanish for infinite time. Along a ray the
         # iteration changes the load factor itself.
         moves = 0.0 if jump else abs(limits.target - problem.t)
-        t, dt = jump.t if jump else limits.target, moves * options.duration or np.inf
+        t, dt = jump.t if jump else limits.target, moves * (options.duration or 1.0) or np.inf
         self._dt = dt
         if problem.loading.ray is None:
             problem.loading.check_finite(t)
