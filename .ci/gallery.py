@@ -2,6 +2,8 @@
 
     demos/run .ci/gallery.py record FOLDER [SCENE...]     every scene at its defaults, one file each
     demos/run .ci/gallery.py compare BEFORE AFTER         one table: iterations, failures, values
+    demos/run .ci/gallery.py record --fine FINE [SCENE...]   with steps of 0.5 % of the bonds
+    demos/run .ci/gallery.py peaks FOLDER FINE            one table: largest forces and stresses
 
 ``OTHER/demos/run .ci/gallery.py record FOLDER`` records the checkout OTHER. What ``vmdg.solve``
 returns in a scene is recorded: all columns of its history, and its failures.
@@ -10,11 +12,12 @@ returns in a scene is recorded: all columns of its history, and its failures.
 from __future__ import annotations
 
 import argparse
+import inspect
 import json
 import runpy
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
 from time import process_time
@@ -53,26 +56,31 @@ SCENES = {
 }
 
 
-def record(folder: Path, scenes: list[str]) -> None:
-    """Run scenes, each in a process of its own."""
+def record(folder: Path, scenes: list[str], share: float) -> None:
+    """Run scenes, each in a process of its own; ``share`` is the largest ``max_share`` of a run."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in scenes or SCENES:
         demo, *options = SCENES[name].split()
         file, out = folder / f"{name}.json", folder / name
-        program = [sys.executable, __file__, "one", str(file), demo, *options, "--out", str(out)]
+        chosen = str(file), str(share), demo, *options
+        program = [sys.executable, __file__, "one", *chosen, "--out", str(out)]
         with open(folder / f"{name}.log", "w") as log:
             code = subprocess.run(program, stdout=log, stderr=log, check=False).returncode
         print(f"{name}: {'done' if code == 0 else f'exit code {code}, see {log.name}'}", flush=True)
 
 
-def run_one(file: Path, demo: str, options: list[str]) -> None:
+def run_one(file: Path, share: float, demo: str, options: list[str]) -> None:
     """Run a demo in this process and write what its calls of ``vmdg.solve`` gave."""
-    solve, runs = vmdg.solve, []
+    solve, runs, signature = vmdg.solve, [], inspect.signature(vmdg.solve)
 
     def recorded(*arguments: Any, **others: Any) -> vmdg.Result:
         result, before = None, process_time()
+        given = signature.bind(*arguments, **others)
+        old = given.arguments.get("options") or vmdg.SolveOptions()
+        finely = {"max_share": min(old.max_share, share), "control": "dissipation"}
+        given.arguments["options"] = replace(old, **finely) if share < 1 else old
         try:
-            result = solve(*arguments, **others)
+            result = solve(*given.args, **given.kwargs)
         except vmdg.StepFailure as failure:
             result = failure.result
             raise
@@ -140,6 +148,24 @@ def compare(before: Path, after: Path) -> None:
         )
 
 
+def peaks(folder: Path, fine: Path) -> None:
+    """Print the largest values of columns that are forces or stresses, and their differences."""
+    print("| scene | run | column | rows, finely | largest | finely | difference |")
+    print("|---|---|---|---|---|---|---|")
+    for name in sorted(file.name for file in fine.glob("*.json") if (folder / file.name).is_file()):
+        calls = [json.loads((where / name).read_text())["calls"] for where in (folder, fine)]
+        for n, (one, other) in enumerate(zip(*calls, strict=True)):
+            for column in one["rows"][-1]:
+                if not any(word in column for word in ("force", "stress", "traction")):
+                    continue
+                found = [[row.get(column, 0.0) for row in run["rows"]] for run in (one, other)]
+                a, b = (float(np.abs(values).max()) for values in found)
+                counts = ", ".join(str(len(values)) for values in found)
+                change = f"{100 * (a / b - 1):+.2f} %" if b else "0"
+                values = f"{counts} | {a:.6g} | {b:.6g} | {change}"
+                print(f"| {Path(name).stem} | {n} | {column} | {values} |")
+
+
 def difference(old: list[dict], new: list[dict]) -> tuple[float, str]:
     """Largest difference of a column relative to its largest value, and its name.
 
@@ -175,18 +201,23 @@ def main() -> None:
     recording = parts.add_parser("record", help="run scenes and write their numbers")
     recording.add_argument("folder", type=Path)
     recording.add_argument("scenes", nargs="*", metavar="SCENE", help=", ".join(SCENES))
-    comparing = parts.add_parser("compare", help="compare two folders")
-    comparing.add_argument("before", type=Path)
-    comparing.add_argument("after", type=Path)
+    recording.add_argument("--fine", action="store_true", help="steps of 0.5 %% of the bonds")
+    for name, text in (
+        ("compare", "compare two folders"),
+        ("peaks", "largest forces of two folders"),
+    ):
+        comparing = parts.add_parser(name, help=text)
+        comparing.add_argument("before", type=Path)
+        comparing.add_argument("after", type=Path)
     chosen = command.parse_args()
     if chosen.command == "record":
-        record(chosen.folder, chosen.scenes)
+        record(chosen.folder, chosen.scenes, 0.005 if chosen.fine else 1.0)
     else:
-        compare(chosen.before, chosen.after)
+        {"compare": compare, "peaks": peaks}[chosen.command](chosen.before, chosen.after)
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["one"]:
-        run_one(Path(sys.argv[2]), sys.argv[3], sys.argv[4:])
+        run_one(Path(sys.argv[2]), float(sys.argv[3]), sys.argv[4], sys.argv[5:])
     else:
         main()
