@@ -75,19 +75,18 @@ def pack(
     )
 
 
+#: Distance of separated pairs, relative to that at which they touch, so that the sweeps end.
+_AIM = 1 + 1e-3
+
+
 def _apart(
     centres: NDArray[np.float64],
     radii: NDArray[np.float64],
     size: float,
     periodic: bool,
     sweeps: int = 3000,
-    aim: float = 1e-3,
 ) -> NDArray[np.float64] | None:
-    """Centres moved until no two balls overlap; None if some still do after the last sweep.
-
-    Args:
-        aim: Extra distance of separated pairs, in radii, so that the sweeps end.
-    """
+    """Centres moved until no two balls overlap; None if some still do after the last sweep."""
     if 2 * radii.max() > size:  # a ball touches two sides, or its own image
         return None
     count, dim = centres.shape
@@ -99,14 +98,14 @@ def _apart(
             centres = np.clip(centres, radii[:, None], size - radii[:, None])
         everywhere = at_images(centres, shifts)
         near = scipy.spatial.cKDTree(centres).sparse_distance_matrix(
-            scipy.spatial.cKDTree(everywhere), 2 * radii.max() * (1 + aim), output_type="ndarray"
+            scipy.spatial.cKDTree(everywhere), 2 * radii.max() * _AIM, output_type="ndarray"
         )
         near = near[near["i"] != near["j"] % count]
         one, two, distance = near["i"], near["j"], near["v"]
         wanted = radii[one] + radii[two % count]
         if (distance >= wanted).all():
             return centres
-        lack = np.maximum(wanted * (1 + aim) - distance, 0.0) / 2
+        lack = np.maximum(wanted * _AIM - distance, 0.0) / 2
         away = (centres[one] - everywhere[two]) / np.maximum(distance, 1e-12 * size)[:, None]
         np.add.at(centres, one, away * lack[:, None])
     return None

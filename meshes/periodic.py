@@ -16,6 +16,9 @@ SIDES = {"left": LEFT, "right": RIGHT, "bottom": BOTTOM, "top": TOP, "back": BAC
 #: Tolerance, relative to the size, for an entity on a side: gmsh rounds its boxes to 1e-7.
 TOLERANCE = 1e-6
 
+#: The same between an entity and its image.
+FIT = 1e-5
+
 
 def sides(gmsh_model: Any, dim: int, size: float) -> dict[int, list[int]]:
     """Entities on the sides of [0, size]^dim, by the tag of the side."""
@@ -30,20 +33,14 @@ def sides(gmsh_model: Any, dim: int, size: float) -> dict[int, list[int]]:
     return found
 
 
-def match_sides(
-    gmsh_model: Any, found: dict[int, list[int]], dim: int, size: float, fit: float = 1e-5
-) -> None:
-    """Let gmsh copy the meshes of the low sides to the high ones.
-
-    Args:
-        fit: Tolerance between an entity and its image, relative to the size.
-    """
+def match_sides(gmsh_model: Any, found: dict[int, list[int]], dim: int, size: float) -> None:
+    """Let gmsh copy the meshes of the low sides to the high ones."""
     for axis, pair in enumerate(PAIRS[:dim]):
         low, high = (_marks(gmsh_model, found[tag], dim, size) for tag in pair)
         high[:, [axis, 3 + axis]] -= 1
         apart = np.abs(low[:, None] - high).max(axis=2, initial=0.0)
         partner = apart.argmin(axis=1) if apart.size else np.zeros(0, dtype=int)
-        if len(low) != len(high) or len(set(partner)) < len(low) or (apart.min(axis=1) > fit).any():
+        if len(low) != len(high) or len(set(partner)) < len(low) or (apart.min(axis=1) > FIT).any():
             raise ValueError(
                 f"the sides of the cell across axis {axis} have {len(low)} and {len(high)} pieces "
                 "that do not match; a periodic cell has the same pieces on opposite sides"

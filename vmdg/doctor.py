@@ -94,8 +94,8 @@ def blas(maps: Path = Path("/proc/self/maps")) -> str:
     return "reference" if any("libblas" in file for file in loaded) else "unknown"
 
 
-def threads(environment: Mapping[str, str] = os.environ) -> str:
-    wanted = environment.get("OMP_NUM_THREADS")
+def threads() -> str:
+    wanted = os.environ.get("OMP_NUM_THREADS")
     given = f"OMP_NUM_THREADS={wanted}" if wanted else "as many as cores (OMP_NUM_THREADS unset)"
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return f"{given}, {cores} cores"
@@ -299,23 +299,6 @@ def check_fields(comm: MPI.Comm) -> str:
     return f"{len(written)} VTX files"
 
 
-def check_checkpoints(comm: MPI.Comm) -> str:
-    import numpy as np
-
-    from . import read_checkpoint, write_checkpoint
-    from .base.parallel import global_max
-
-    problem, other = blocks(comm), blocks(comm)
-    problem.u.interpolate(lambda x: np.sin(x[:2]))
-    with temporary(comm) as folder:
-        write_checkpoint(problem, folder)
-        read_checkpoint(other, folder)
-    difference = np.abs(problem.u.x.array - other.u.x.array).max(initial=0.0)
-    if global_max(comm, float(difference)) > 1e-14:
-        raise RuntimeError("the state that was read differs from the one written")
-    return "written and read again"
-
-
 def check_meshes(comm: MPI.Comm) -> str:
     version, why = find("gmsh")
     if version is None:
@@ -364,11 +347,6 @@ CHECKS = (
         check_fields,
         "install DOLFINx with ADIOS2 (Debian, conda-forge and PyPI's wheel have it), and give a "
         "TMPDIR that all ranks can write to",
-    ),
-    Check(
-        "checkpoints",
-        check_checkpoints,
-        "give a TMPDIR that all ranks can write to and read",
     ),
     Check(
         "meshes",

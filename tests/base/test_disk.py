@@ -7,20 +7,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from support.problems import joined
+from support.problems import pulled
 
 import vmdg
-from vmdg.meshes import blocks
 
 WORDS = "precious"
-
-
-def pulled(comm) -> vmdg.Problem:
-    tagged = blocks(comm, "quadrilateral")
-    problem = joined(tagged, vmdg.Debonding(15.0, 0.05))
-    problem.dirichlet(tagged.facet_tags.find(1), 0.0)
-    problem.dirichlet(tagged.facet_tags.find(2), lambda t: (t, 0.0))
-    return problem
 
 
 def on_root(comm, *calls) -> None:

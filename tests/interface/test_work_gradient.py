@@ -22,7 +22,8 @@ def by_displacement(problem, dt: float = 1.0) -> tuple[float, float]:
     for sign in (1, -2, 1):
         u += sign * way
         problem.u.x.scatter_forward()
-        works.append(problem.step.bond_work(dt))
+        problem.discretization.update_points(dt)
+        works.append(problem.step.bond_work())
         totals.append(total_in_frame(active))
     spent = np.einsum("p,pi,pi->", active.quadrature.weights, gradient, totals[0] - totals[1])
     return works[0] - works[1], float(global_sum(problem.mesh.comm, spent))

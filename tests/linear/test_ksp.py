@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 from support.budgets import over_budget
-from support.problems import FRICTION, joined, pressed
+from support.problems import FRICTION, pressed, pulled
 from support.scenes import two_blocks
 
 import vmdg
@@ -326,10 +326,7 @@ def test_linear_tolerance_ends_the_step():
 @pytest.mark.parametrize("option", [{"mat_mumps_icntl_23": 1}, {"mat_mumps_icntl_14": -90}])
 def test_out_of_memory(comm, option):
     """It is named, with what MUMPS says; the problem is in its last state."""
-    scene = two_blocks(comm, "quadrilateral", 60)
-    problem = joined(scene, vmdg.Debonding(strength=10.0, critical_gap=0.1))
-    problem.dirichlet(scene.facet_tags.find(1), 0.0)
-    problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.0))
+    problem = pulled(comm, vmdg.Debonding(strength=10.0, critical_gap=0.1), 60)
     with pytest.raises(MemoryError, match=r"14884 unknowns ran out of memory \(MUMPS: INFOG\(1\)"):
         vmdg.solve(problem, [0.01], vmdg.SolveOptions(petsc=LU | option))
     assert problem.t == 0 and not problem.u.x.array.any()

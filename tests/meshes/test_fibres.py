@@ -51,6 +51,18 @@ def test_areas_tags_and_quality(comm, cell):
     assert np.abs(np.linalg.norm(middle, axis=1) - 0.25).max(initial=0) < h**2 / (8 * 0.25)
 
 
+def test_sides_are_where_their_names_say(comm):
+    """Of each the integral of x, length times middle."""
+    tagged = fibre_matrix(comm, size=2.0, radius=0.3, element_size=0.3)
+    ds = ufl.Measure("ds", domain=tagged.mesh, subdomain_data=tagged.facet_tags)
+    x = ufl.SpatialCoordinate(tagged.mesh)
+    middles = {"left": (0, 1), "right": (2, 1), "bottom": (1, 0), "top": (1, 2)}
+    for name, middle in middles.items():
+        for i in range(2):
+            moment = integral(comm, x[i] * ds(tagged.facet_tags.names[name]))
+            assert moment == pytest.approx(2 * middle[i], abs=1e-12)
+
+
 @pytest.mark.parametrize("count", [5, 8])
 def test_random_fibres_keep_their_distance(comm, count):
     """The wanted fraction, nobody cut or touching, the same seed the same cell."""

@@ -9,13 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.problems import joined
-from support.scenes import two_blocks
+from support.problems import pulled
 
 import vmdg
 from vmdg.output.history import HistoryFile
 
-LAW = vmdg.Debonding(strength=20.0, critical_gap=0.05)
 OWN = [
     "step [-]",
     "load [-]",
@@ -26,15 +24,6 @@ OWN = [
     "krylov [-]",
     "sliding [-]",
 ]
-
-
-def pulled(comm) -> vmdg.Problem:
-    """Two squares, the right one pulled by t [mm]."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    problem = joined(scene, LAW)
-    problem.dirichlet(scene.facet_tags.find(1), 0.0)
-    problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.0))
-    return problem
 
 
 def lines(comm, path: Path) -> list[list[str]]:

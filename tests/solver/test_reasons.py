@@ -7,22 +7,12 @@ from pathlib import Path
 
 import pytest
 from support import bar
-from support.problems import joined
-from support.scenes import two_blocks
+from support.problems import pulled
 
 import vmdg
 from vmdg.solver.reasons import REASONS, explained
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def pulled(comm) -> vmdg.Problem:
-    """Two bonded squares, the right one pulled by t [mm]."""
-    scene = two_blocks(comm, "quadrilateral", 2)
-    problem = joined(scene, vmdg.Debonding(strength=20.0, critical_gap=0.05))
-    problem.dirichlet(scene.facet_tags.find(1), 0.0)
-    problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.0))
-    return problem
 
 
 def test_error_says_what_happened_and_what_helps(comm):

@@ -78,13 +78,7 @@ def stack(
     """Block 1 below and block 2 above the height 0, each 1 mm high, with other numbers of cells
     along it.
 
-    Args:
-        cell: Cell type.
-        lower, upper: Cells along the length of each block, in 3D also along its width.
-        layers: Cells along the height of each.
-        length: Of both, in 3D also their width [mm].
-        move: Applied to the nodes of both.
-        comm: Communicator.
+    ``lower`` and ``upper`` cells along the length [mm] of each, in 3D also along the width.
     """
     flat = DIMENSION[cell] - 1
     zero, full = [0.0] * flat, [length] * flat

@@ -23,13 +23,8 @@ def bent_apart(
 ) -> tuple[vmdg.Problem, MeshTags]:
     """The beam, opened by the load factor, and its sides.
 
-    Args:
-        comm: Communicator.
-        bonded: Where the fine facets behind the crack end [mm].
-        facets: Their number, and that of those behind.
-        law: Of the bond.
-        upper: E of the upper arm, that of the lower one is 70 GPa [MPa].
-        kinematics: "small" or "finite".
+    Fine facets behind the crack end at ``bonded`` [mm]; ``facets`` are their number and that of
+    those behind, ``upper`` is E of the upper arm, that of the lower one 70 GPa [MPa].
     """
     stations, divisions = (0.0, 10.0, CRACK, bonded, LENGTH), (5, 4, *facets)
     mesh, cells, sides = beams(

@@ -21,6 +21,7 @@ from vmdg.meshes import TaggedMesh, blocks
 MATERIALS = (vmdg.NeoHookean(E=5000.0, nu=0.25), vmdg.NeoHookean(E=2000.0, nu=0.35))
 SAME = (vmdg.NeoHookean(E=5000.0, nu=0.25),) * 2
 STRONG = vmdg.Debonding(strength=1e5, critical_gap=1e3)
+WEAK = vmdg.Debonding(strength=20.0, critical_gap=0.05)
 FRICTION = vmdg.Debonding(strength=50.0, critical_gap=0.2, friction=0.5)
 PRECISE = vmdg.SolveOptions(relative_tolerance=1e-12)
 STRETCH = np.array([[0.06, 0.03, -0.02], [0.02, -0.03, 0.04], [-0.03, 0.02, 0.05]])
@@ -95,14 +96,8 @@ def driven(
 ) -> tuple[vmdg.Problem, TaggedMesh]:
     """Blocks with rigid ends: the left one turns, the right one moves and turns.
 
-    Args:
-        comm: Communicator.
-        cell: Cell type.
-        law: Of the interface.
-        path: Displacement of the right end before it turns [mm] and angle, by load factor.
-        n: Cells along each unit of length.
-        materials: Of the two blocks.
-        options: Of the interface.
+    ``path`` gives the displacement of the right end before it turns [mm] and the angle; ``options``
+    are those of the interface.
     """
     d = DIMENSION[cell]
     scene = blocks(comm, cell, (n, n, n))
@@ -128,6 +123,15 @@ def pressed(comm, cell: str, law: vmdg.Law, n: int = 3, opening: float = -0.01) 
     problem.dirichlet(scene.facet_tags.find(1), 0.0)
     move = np.array([opening, 0.04, 0.0][:d])
     problem.dirichlet(scene.facet_tags.find(2), lambda t: t * move)
+    return problem
+
+
+def pulled(comm, law: vmdg.Law = WEAK, n: int = 2) -> vmdg.Problem:
+    """Two squares of :data:`MATERIALS`, the left one held, the right one pulled by t [mm]."""
+    scene = two_blocks(comm, "quadrilateral", n)
+    problem = joined(scene, law)
+    problem.dirichlet(scene.facet_tags.find(1), 0.0)
+    problem.dirichlet(scene.facet_tags.find(2), lambda t: (t, 0.0))
     return problem
 
 

@@ -112,14 +112,8 @@ def section(
 ) -> TaggedMesh:
     """Body 1 [r_0, r_1] and body 2 [r_1, r_2] x [0, height].
 
-    Args:
-        comm: Communicator.
-        cell: "triangle" or "quadrilateral".
-        divisions: Cells along r of each body and along z.
-        radii: r_0, r_1, r_2 [mm].
-        height: [mm].
-        top: Radius of the interface at the top, for a cone; default r_1 [mm].
-        distortion: Of the nodes inside of the two bodies, within their common rectangle [mm].
+    ``divisions`` along r of each body and along z; ``top`` is the radius of the interface at the
+    top, for a cone; ``distortion`` moves nodes inside of the bodies [mm].
     """
     inner, middle, outer = radii
     upper = middle if top is None else top

@@ -73,7 +73,6 @@ def same_call(
     call: str,
     given: Iterable[str] = (),
     reminder: float = REMINDER,
-    limit: float = LIMIT,
 ) -> None:
     """Refuse a collective call that only some ranks make, or with different arguments; collective.
 
@@ -87,10 +86,10 @@ def same_call(
     others = comm.Ibarrier()
     if not within(reminder, others.Test):
         _remind(comm, f"{reminder:.3g} s in {call} for the other ranks")
-        if not within(limit, others.Test):
+        if not within(LIMIT, others.Test):
             traceback.print_stack()
             end_job(
-                f"rank {comm.rank} has waited {limit:.4g} s in {call} (above), where others have "
+                f"rank {comm.rank} has waited {LIMIT:.4g} s in {call} (above), where others have "
                 "not come; where they are is said by each of them"
             )
     mine = call, tuple(given)

@@ -222,15 +222,8 @@ class Step:
         parts = self.discretization.active.values()
         return [active for active in parts if active.law.inelastic]
 
-    def bond_work(self, dt: float | None = None) -> float:
-        """Damage work in the step so far; collective [N mm].
-
-        Args:
-            dt: Time step of the return maps, repeated at the current displacement; None to use
-                those of the last residual [s].
-        """
-        if dt is not None:
-            self.discretization.update_points(dt)
+    def bond_work(self) -> float:
+        """Damage work in the step at the last residual; collective [N mm]."""
         now = self.discretization
         work = sum(map(damage_work, now.active.values()))
         return float(global_sum(self._comm, float(now.geometry.thickness) * work))
