@@ -66,8 +66,8 @@ def find_nodes(space: fem.FunctionSpace, where: Locator, what: str) -> NDArray[n
     nodes = nodes_where(space, where, what)
     if global_sum(space.mesh.comm, len(nodes)) == 0:
         raise ValueError(
-            f"{what}: no node is selected on any rank; where a node has to be, the geometry needs "
-            "a point, or the condition an interval"
+            f"{what}: no node is selected on any rank; where a node has to be, give the geometry a "
+            "point, or the condition an interval"
         )
     return nodes
 
