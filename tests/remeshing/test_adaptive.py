@@ -105,3 +105,41 @@ def test_wrong_arguments(comm):
         vmdg.solve_adaptively(lambda size: None, LOADS, FINE, WINDOW)
     with pytest.raises(ValueError, match="unknowns, more than most_unknowns = 400"):
         vmdg.solve_adaptively(make, LOADS, FINE, WINDOW, most_unknowns=400)
+
+
+def test_resumed(comm, tmp_path):
+    """A run that was interrupted continues from the last change of its mesh like one that was not;
+    the crack of a monitor counts over all meshes."""
+    folder = comm.bcast(tmp_path / "run")
+    options = vmdg.SolveOptions(energy=True, checkpoint=folder)
+
+    def follow(options, resume=False, end=1.0):
+        cracks = []
+
+        def watch(problem):
+            if problem.t > end:
+                raise ArithmeticError("no number")
+            if not cracks:
+                cracks.append(vmdg.CrackGrowth(problem, 0, start=CRACK))
+            return opened(problem) | cracks[0](problem)
+
+        return vmdg.solve_adaptively(
+            makes(comm), LOADS, FINE, WINDOW, options, watch, resume=resume
+        )
+
+    whole = follow(ENERGY)
+    with pytest.raises(ArithmeticError):
+        follow(options, end=0.55)
+    rest = follow(options, resume=True)
+    assert len(rest.history) == len(whole.history)
+    assert len(rest.results) < len(whole.results)
+    for column in ("load", "force", "damage", "external", "crack"):
+        assert rest.history[column] == pytest.approx(whole.history[column], rel=1e-6)
+    # The zone has a constant length: what is spent is crack.
+    crack, spent = whole.history["crack"], whole.history["damage"] / 0.2
+    assert (np.diff(crack) > -1e-3).all()
+    assert crack[-1] - crack[-8] == pytest.approx(spent[-1] - spent[-8], rel=0.05)
+    assert (whole.history["resistance"][-8:] > 0.1).all()
+    # Nothing is left to do.
+    again = follow(options, resume=True)
+    assert len(again.history) == len(whole.history) and not again.results
