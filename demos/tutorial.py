@@ -74,7 +74,7 @@ def main(element_size: float = 1e-3, steps: int = 30, out: str = "results/tutori
             "strain [%]": 100 * problem.t,
             "stress [MPa]": problem.reaction(sides.find("right"))[0] / SIZE,
             "debonded [-]": problem.debonded(),
-            "fine_scales [mm]": problem.fine_scale_error(0),
+            "fine_scales [mm]": vmdg.average(problem, 0, "fine_scale"),
         }
 
     loads = np.linspace(0, 0.025, steps + 1)[1:]

@@ -112,7 +112,7 @@ def test_what_has_no_profile(comm):
         plot.profile(problem, 0, "traction")
     problem = couple(scene, LAW, **inside, activate="on-demand")
     assert plot.profile(problem, 0, "fine_scale") == []
-    assert problem.fine_scale_error(0) == 0
+    assert not len(problem.indicator(0))
     plot.mode_map(problem, 0, axis="y")
 
 

@@ -57,6 +57,19 @@ def test_other_facets(comm, facets, kinematics):
     assert not here.failures
 
 
+def test_restart_on_another_mesh(comm, tmp_path):
+    """A checkpoint is read on its mesh, and the run continues on another one."""
+    folder = comm.bcast(tmp_path / "run")
+    old, read, new = beam(comm, (24, 3)), beam(comm, (24, 3)), beam(comm, (36, 3))
+    history = vmdg.solve(old, [0.3, 0.6], ENERGY, opened).history
+    vmdg.write_checkpoint(old, folder, history)
+    assert len(vmdg.read_checkpoint(read, folder)) == len(history)
+    vmdg.transfer(read, new)
+    ends = [vmdg.solve(each, [0.7], ENERGY, opened).history for each in (old, new)]
+    for column in ("force", "damage", "external"):
+        assert ends[1][column][-1] == pytest.approx(ends[0][column][-1], rel=5e-3)
+
+
 @pytest.mark.parametrize(
     "law",
     (

@@ -47,7 +47,7 @@ from weakref import WeakSet
 import basix
 import numpy as np
 import ufl
-from dolfinx.mesh import Mesh, entities_to_geometry
+from dolfinx.mesh import Mesh
 from numpy.typing import NDArray
 from ufl.core.expr import Expr
 
@@ -55,6 +55,7 @@ from ..assembly.space import node_pieces
 from ..base.parallel import global_any, global_max, global_sum, warn_together
 from ..domain.moduli import RegionExpressions
 from ..domain.shapes import GeometryMap, determinants
+from ..domain.topology import facet_corners
 from ..forms import kinematics
 from ..forms.kinematics import Body
 from ..interface.active import ActiveInterface
@@ -329,12 +330,3 @@ def _cell_moments(mesh: Mesh, owned: int) -> Array:
     second = np.einsum("cq,icq,jcq->cij", dV, X, X, optimize=True)
     # A rank may own no cells.
     return np.column_stack([dV.sum(axis=1), first, second.reshape(len(dV), first.shape[1] ** 2)])
-
-
-def facet_corners(mesh: Mesh, facets: NDArray[np.int32]) -> Array:
-    """Corners of facets (nf, corners, 3) [mm]."""
-    dim = mesh.topology.dim - 1
-    count = len(basix.geometry(basix.cell.subentity_types(mesh.basix_cell())[dim][0]))
-    if not len(facets):  # entities_to_geometry divides by their number
-        return np.zeros((0, count, 3))
-    return mesh.geometry.x[entities_to_geometry(mesh, dim, facets)[:, :count]]

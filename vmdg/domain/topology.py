@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import basix
 import numpy as np
 from dolfinx import la
-from dolfinx.mesh import Mesh, MeshTags, compute_midpoints, exterior_facet_indices
+from dolfinx.mesh import (
+    Mesh,
+    MeshTags,
+    compute_midpoints,
+    entities_to_geometry,
+    exterior_facet_indices,
+)
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.agreement import together
@@ -34,6 +41,15 @@ def facet_cells(mesh: Mesh) -> NDArray[np.int32]:
     pairs[:, 0] = cells[offsets[:-1]]
     pairs[two, 1] = cells[offsets[1:][two] - 1]
     return pairs
+
+
+def facet_corners(mesh: Mesh, facets: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Corners of facets (nf, corners, 3) [mm]."""
+    dim = mesh.topology.dim - 1
+    count = len(basix.geometry(basix.cell.subentity_types(mesh.basix_cell())[dim][0]))
+    if not len(facets):  # entities_to_geometry divides by their number
+        return np.zeros((0, count, 3))
+    return mesh.geometry.x[entities_to_geometry(mesh, dim, facets)[:, :count]]
 
 
 def local_facets(

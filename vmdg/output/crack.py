@@ -74,7 +74,8 @@ class CrackGrowth:
         self._problem = problem
         self._width = float(geometry.thickness if width is None else width)
         self._start = start
-        self._before = (self._crack(self._state()), energy_of(problem.step).damage)
+        # a and D of the rows, D ascending.
+        self._rows = [(self._crack(self._state()), energy_of(problem.step).damage)]
 
     def _state(self) -> InterfaceState:
         return self._problem.state[self._number]
@@ -102,25 +103,30 @@ class CrackGrowth:
     @property
     def length(self) -> float:
         """a of the last row [mm]."""
-        return self._before[0]
+        return self._rows[-1][0]
 
     def __call__(self, problem: Problem | None = None) -> dict[str, float]:
         """The current row; collective.
 
         Args:
-            problem: The problem of the crack, as passed to a monitor.
+            problem: The problem of the crack, as passed to a monitor; the same on another mesh
+                where meshes follow the crack, whose last rows may have been taken back.
 
         Returns:
             "crack [mm]", "zone [mm]", "resistance [N/mm]", NaN in a row without growth, and in 2D
             "mode_1 [N/mm]" and "mode_2 [N/mm]".
         """
+        if problem is not None and problem is not self._problem:
+            self._problem = problem
+            spent = energy_of(problem.step).damage
+            self._rows[1:] = [row for row in self._rows[1:] if row[1] < spent]
         state, spent = self._state(), energy_of(self._problem.step).damage
         crack = self._crack(state)
         breaking = (state.damage > self._initial(state)) & (state.damage < BROKEN)
-        last, before = self._before
+        last, before = self._rows[-1]
         grown = crack - last
         if not self._problem.loading.nearby:
-            self._before = crack, spent
+            self._rows.append((crack, spent))
         row = {
             "crack [mm]": crack,
             "zone [mm]": self._over_width(state.weights @ breaking),

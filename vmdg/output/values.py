@@ -28,6 +28,7 @@ LABELS: Mapping[str, str] = {
     "damage": r"damage $Q/P_c$",
     "mode": "mode",
     "fine_scale": "fine-scale error [mm]",
+    "indicator": "fine scales / critical gap",
 }
 
 
@@ -39,13 +40,16 @@ def scalar(problem: Problem, interface: Which, name: str) -> NDArray[np.float64]
             opening and tension [mm, mm, MPa]; "slip" and "shear": norm of the tangential part of
             zeta and of T [mm, MPa]; "damage": Q relative to the strength, 1 where there is no bond
             [-]; "mode": of the return map, :class:`vmdg.Mode`; "fine_scale": size of the fine
-            scales (24) of both sides, (|du_1|^2 + |du_2|^2)^1/2 [mm].
+            scales (24) of both sides, (|du_1|^2 + |du_2|^2)^1/2 [mm]; "indicator": the value of the
+            facet by :meth:`vmdg.Problem.indicator` [-].
     """
     if name not in LABELS:
         raise ValueError(f"{name!r} is not a scalar of an interface; use one of {tuple(LABELS)}")
     if name == "fine_scale":
         return np.sqrt((problem.fine_scale(interface) ** 2).sum(axis=(1, 2)))
     state = problem.state[interface]
+    if name == "indicator":
+        return problem.indicator(interface)[np.searchsorted(open_facets(state), state.facet)]
     if name == "mode":
         return state.mode.astype(float)
     if name == "damage":

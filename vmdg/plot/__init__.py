@@ -8,13 +8,14 @@ is not installed, axes of solids say so. The pictures of the gallery have the st
 from ..output.profile import profile
 from .animation import animate, film
 from .interface import interface_map, interface_profile, mode_map
-from .stress import add_colorbar, curve, stress
+from .stress import add_colorbar, curve, indicator, stress
 
 __all__ = [
     "add_colorbar",
     "animate",
     "curve",
     "film",
+    "indicator",
     "interface_map",
     "interface_profile",
     "mode_map",

@@ -173,6 +173,52 @@ def stress(
     return ax
 
 
+def indicator(
+    problem: Problem,
+    magnify: float = 1.0,
+    ax: Axes | None = None,
+    limits: Limits | None = None,
+    view: Sequence[float] = VIEW,
+) -> Axes:
+    """Draw where the mesh of the bodies is too coarse on the deformed shape; collective.
+
+    Every cell has the colour of its share of the error, :meth:`vmdg.Problem.indicator`, in powers
+    of ten; interfaces are drawn by ``interface_map(problem, "indicator")``.
+
+    Args:
+        problem: The problem.
+        magnify: Factor on the displacement.
+        ax: Axes, of two dimensions also for solids; None for a new figure.
+        limits: Powers of ten at both ends of the colours; None for the three largest.
+        view: Direction from a solid to the viewer.
+
+    Returns:
+        The axes; only those of rank 0 contain the plot.
+
+    Raises:
+        ValueError: axes of three dimensions.
+    """
+    share, ax = problem.indicator().x.array, axes_of(ax)
+    solid = problem.mesh.geometry.dim == 3
+    cells, local = surface(problem) if solid else owned_cells(problem)
+    corners = deformed_corners(problem, cells, local, magnify)
+    powers = np.log10(np.maximum(share, np.finfo(float).tiny))[cells]
+    most = global_max(problem.comm, powers.max(initial=-np.inf))
+    limits = (most - 3, most) if limits is None else limits
+    corners, powers = on_first_rank(problem, corners, powers)
+    drawn: ScalarMappable
+    if solid:
+        ends, colours = deformed_ends(problem, magnify), plt.rcParams["image.cmap"]
+        drawn = draw_solid(ax, corners, powers, limits, colours, ends, view, edges=0.3)
+    else:
+        style = {"array": powers, "clim": limits, "edgecolor": "face", "linewidth": 0.3}
+        drawn = _add_flat(ax, PolyCollection(corners[..., :2], **style), corners[..., :2])
+        ax.set_aspect("equal")
+        label_plane(ax, problem)
+    add_colorbar(ax, drawn, "power of ten of the share of the error")
+    return ax
+
+
 def label_plane(ax: Axes, problem: Problem, scale: str = "") -> None:
     """Label the axes of a plane body, collective; ``scale`` is said next to x."""
     names, ends = axis_names(problem), global_box(problem.comm, problem.mesh.geometry.x)

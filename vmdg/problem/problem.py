@@ -22,6 +22,7 @@ from ..assembly.dirichlet import (
     nodes_of_facets,
 )
 from ..assembly.discretization import Discretization
+from ..assembly.indicator import cell_errors, facet_errors
 from ..assembly.means import lattice_of
 from ..assembly.stress import CauchyStress
 from ..assembly.surface import BROKEN, Share
@@ -664,20 +665,35 @@ class Problem:
         return found
 
     @of_all_ranks
-    def fine_scale_error(self, interface: Which) -> float:
-        """Root mean square of the fine scales over an interface [mm]; collective.
+    def indicator(self, interface: Which | None = None) -> fem.Function | NDArray[np.float64]:
+        """Where the mesh is too coarse, dimensionless; collective.
 
-        Root mean square over the whole interface of |du_1|^2 + |du_2|^2 with (24), the same on
-        every rank: relative to the opening, a measure of the accuracy of the interface for the
-        history.
+        Of the bodies, without an interface: by jumps of the stress across facets, those of
+        interfaces included, see :mod:`vmdg.assembly.indicator`. The root of the sum of its squares
+        estimates the error relative to the energy norm of the displacement. Of an interface: the
+        fine scales (24) relative to the critical gap 2 G_c/P_c of opening. Bonds are resolved
+        where it is below 0.01.
 
         Args:
-            interface: Its number, its name or the interface itself.
+            interface: Its number, its name or the interface itself; None for the bodies.
+
+        Returns:
+            A new function of degree 0, the share of every cell; or the largest values on the open
+            facets of the interface on this rank, ascending (nf,).
+
+        Raises:
+            ValueError: the interface has no bond.
         """
-        square = (self.fine_scale(interface) ** 2).sum(axis=(1, 2))
-        weights = self.state[interface].weights
-        integral, area = global_sum(self.comm, [weights @ square, weights.sum()])
-        return float(np.sqrt(integral / area)) if area > 0 else 0.0
+        if interface is None:
+            return cell_errors(self.discretization)
+        i = number_of(self.interfaces, interface)
+        if not self.interfaces[i].law.has_bond:
+            raise ValueError(
+                f"indicator: {label_of(self.interfaces, i)} has no bond, and no critical gap; its "
+                "fine scales are vmdg.average(problem, interface, 'fine_scale')"
+            )
+        active = self.discretization.active.get(i)
+        return np.zeros(0) if active is None else facet_errors(active)
 
     @cached_property
     def _stress(self) -> CauchyStress:

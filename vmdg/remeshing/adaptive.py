@@ -5,8 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import NamedTuple
+
+from mpi4py import MPI
 
 import basix
 import basix.ufl
@@ -14,13 +17,22 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.agreement import together
+from ..base.disk import replacing
 from ..base.parallel import gathered
+from ..checkpoint.checkpoint import (
+    discard_checkpoint,
+    read_checkpoint,
+    warn_of_replacement,
+    write_checkpoint,
+)
 from ..checks.model import checked_loads
-from ..checks.zone import facet_corners, load_of
+from ..checks.zone import load_of
+from ..domain.topology import facet_corners
 from ..output.history import History
 from ..problem.problem import Problem
 from ..problem.states import RunScales, Snapshot
-from ..solver.monitors import Monitor
+from ..solver.monitors import Monitor, Until, ends
 from ..solver.options import SolveOptions
 from ..solver.result import Result
 from ..solver.stepping import solve
@@ -52,10 +64,11 @@ class Window:
         fronts: Points of the fronts (n, 3) [mm].
         fine: Size of cells there [mm].
         radius: Distance from them up to which cells along interfaces are so [mm].
+        along: Points of the interfaces up to there (m, 3) [mm].
     """
 
     def __init__(self, fine: float, radius: float, fronts: Array = NONE, along: Array = NONE):
-        self.fronts, self.fine, self.radius = fronts, fine, radius
+        self.fronts, self.along, self.fine, self.radius = fronts, along, fine, radius
         self._trees = [scipy.spatial.cKDTree(x) if len(x) else None for x in (fronts, along)]
 
     def away(self, points: Array) -> Array:
@@ -80,6 +93,7 @@ class Kept(NamedTuple):
         rows: Number of rows up to there.
         loads: Number of load factors that have been reached.
         warned: Number of warnings up to there.
+        ended: Whether the run is at its end.
     """
 
     state: Snapshot
@@ -87,6 +101,7 @@ class Kept(NamedTuple):
     rows: int
     loads: int
     warned: int
+    ended: bool
 
 
 @dataclass
@@ -97,7 +112,7 @@ class Adapted:
         problem: The problem on the last mesh.
         history: The rows of all meshes, with the column "unknowns".
         results: The result of each mesh.
-        transfers: What each change of the mesh has changed.
+        transfers: What each change of the mesh behind the first row has changed.
     """
 
     problem: Problem
@@ -114,6 +129,8 @@ def solve_adaptively(
     options: SolveOptions | None = None,
     monitor: Monitor | None = None,
     most_unknowns: float = np.inf,
+    until: Until | None = None,
+    resume: bool = False,
 ) -> Adapted:
     """Solve for a sequence of load factors, with a mesh that is fine around growing cracks.
 
@@ -132,24 +149,37 @@ def solve_adaptively(
             about process zones says what is needed.
         window: Distance from a front up to which cells along interfaces have it [mm], at least
             the length of the process zone.
-        options: As for :func:`.solve`, without checkpoints and a table on disk.
+        options: As for :func:`.solve`, without a table on disk. Of ``checkpoint`` a folder is made
+            for every mesh, when the state has come there and at the end; the last two are kept.
         monitor: As for :func:`.solve`; called with the problem of the present mesh.
         most_unknowns: Largest number of unknowns of a mesh.
+        until: As for :func:`.solve`; called with the problem of the present mesh.
+        resume: Continue from the last checkpoint in the folder, if there is one, on any number of
+            ranks; loads are those of the whole run.
 
     Raises:
         ValueError: sizes that are not positive, a window smaller than four cells, options that
-            write files, a mesh with more unknowns, or what :func:`transfer` refuses.
+            write a table, ``resume`` without a folder, a mesh with more unknowns, or what
+            :func:`transfer` refuses.
         StepFailure: as of :func:`.solve`.
         RuntimeError: fronts leave every window within a row, or as of :func:`transfer`.
 
     An exception has the rows so far as ``result``, and the problem as ``problem``.
     """
-    options = _checked(fine, window, options)
-    around = Window(fine, window)
+    options = _checked(fine, window, options, resume)
+    around, folder = Window(fine, window), options.checkpoint
     run = Adapted(_made(make_problem, around, most_unknowns), History())
     loads = checked_loads(loads, run.problem, None)
+    kept = None if folder is None else _last_window(run.problem.comm, folder)
+    if kept is not None and resume:
+        around = Window(fine, window, *kept[1:])
+        run.problem = _made(make_problem, around, most_unknowns)
+        run.history = read_checkpoint(run.problem, kept[0]) or run.history
+    elif kept is not None:
+        warn_of_replacement(run.problem.comm, kept[0])
+    options = replace(options, checkpoint=None)
     try:
-        _follow(run, make_problem, loads, around, options, monitor, most_unknowns)
+        _follow(run, make_problem, loads, around, options, monitor, most_unknowns, until, folder)
     except BaseException as error:
         error.problem = run.problem  # type: ignore[attr-defined]
         if run.results and not hasattr(error, "result"):
@@ -166,13 +196,19 @@ def _follow(
     options: SolveOptions,
     monitor: Monitor | None,
     most_unknowns: float,
+    until: Until | None,
+    folder: Path | None,
 ) -> None:
     """The rows of all meshes; collective."""
     radius, reached, again = around.radius, 0, 0
+    for row in run.history.rows:
+        reached += reached < len(loads) and row["load"] == loads[reached]
+    if reached == len(loads):
+        return
     while True:
         problem, step, first = run.problem, run.problem.step, len(run.history)
         # The last row within the window.
-        kept, said = [Kept(step.snapshot(), step.scales, first, reached, 0)], []
+        kept, said = [Kept(step.snapshot(), step.scales, first, reached, 0, False)], []
 
         def watch(problem: Problem) -> dict[str, float]:
             return dict(monitor(problem) if monitor else {}) | {"unknowns [-]": _unknowns(problem)}
@@ -183,17 +219,19 @@ def _follow(
                 done = kept[0].loads
                 done += problem.t == loads[done]
                 here = problem.step.snapshot(), problem.step.scales
-                kept[0] = Kept(*here, len(run.history), done, len(said))
-            return farthest > MOVES * radius
+                ended = done == len(loads) or ends(problem, until)
+                kept[0] = Kept(*here, len(run.history), done, len(said), ended)
+            return kept[0].ended or farthest > MOVES * radius
 
         with _held_back(said, kept):
             result = solve(problem, loads[reached:], options, watch, run.history, until=leaves)
         run.results.append(result)
         run.history = result.history
-        if kept[0].loads == len(loads):
+        if kept[0].ended:
+            _save(run, around, folder)
             return
         around = _window(problem, around)
-        state, step.scales, count, reached, _ = kept[0]
+        state, step.scales, count, reached = kept[0][:4]
         del run.history.rows[count:]
         step.return_to(state)
         again = again + 1 if count == first else 0
@@ -202,22 +240,77 @@ def _follow(
                 f"solve_adaptively: fronts leave the window of {radius:.3g} mm within every step "
                 f"from load factor {state.t:.6g} on; use a larger window or smaller load steps"
             )
-        finer = _made(make_problem, around, most_unknowns)
-        run.transfers.append(transfer(problem, finer))
-        run.problem = finer
+        run.problem = _made(make_problem, around, most_unknowns)
+        if run.history.rows:
+            run.transfers.append(transfer(problem, run.problem))
+            _save(run, around, folder)
 
 
-def _checked(fine: float, window: float, options: SolveOptions | None) -> SolveOptions:
+def _place(folder: Path, number: int) -> tuple[Path, Path]:
+    """Folder of the checkpoint on a mesh, and the file of its window."""
+    return folder / f"mesh_{number}", folder / f"mesh_{number}.npz"
+
+
+def _numbers(folder: Path) -> list[int]:
+    """Of the meshes of which there is a checkpoint, ascending; on one rank."""
+    names = [path.parent.name for path in folder.glob("mesh_*/latest")]
+    return sorted(int(name[5:]) for name in names if name[5:].isdecimal())
+
+
+def _save(run: Adapted, around: Window, folder: Path | None) -> None:
+    """Write the state on the present mesh, and remove those before the last two; collective."""
+    if folder is None:
+        return
+    comm = run.problem.comm
+    known = comm.bcast(_numbers(folder) if comm.rank == 0 else None)
+    place, window = _place(folder, known[-1] + 1 if known else 0)
+
+    def write() -> None:
+        if comm.rank == 0:
+            folder.mkdir(parents=True, exist_ok=True)
+            with replacing(window) as file:
+                np.savez(file, fronts=around.fronts, along=around.along)
+
+    together(comm, write)
+    write_checkpoint(run.problem, place, run.history)
+    for number in known[:-1]:
+        place, window = _place(folder, number)
+        discard_checkpoint(comm, place)
+        if comm.rank == 0:
+            window.unlink(missing_ok=True)
+
+
+def _last_window(comm: MPI.Comm, folder: Path) -> tuple[Path, Array, Array] | None:
+    """Folder of the last checkpoint, fronts and places of its window; collective."""
+
+    def read() -> tuple[Path, Array, Array] | None:
+        if comm.rank or not (known := _numbers(folder)):
+            return None
+        place, window = _place(folder, known[-1])
+        with np.load(window) as file:
+            return place, file["fronts"], file["along"]
+
+    return comm.bcast(together(comm, read))
+
+
+def _checked(
+    fine: float, window: float, options: SolveOptions | None, resume: bool
+) -> SolveOptions:
     if not (0 < fine < np.inf and 4 * fine <= window < np.inf):
         raise ValueError(
             f"solve_adaptively: fine = {fine!r} and window = {window!r} must be positive lengths, "
             "the window at least four cells"
         )
     options = SolveOptions() if options is None else options
-    if options.checkpoint is not None or options.csv is not None:
+    if options.csv is not None:
         raise ValueError(
-            "solve_adaptively: checkpoint= and csv= are of runs on one mesh; write the history at "
-            "the end, or vmdg.write_checkpoint of the last problem"
+            "solve_adaptively: csv= is of runs on one mesh, whose rows stay; write the history at "
+            "the end, run.history.to_csv(...)"
+        )
+    if resume and options.checkpoint is None:
+        raise ValueError(
+            "solve_adaptively: resume=True needs the folder of the checkpoints, "
+            "SolveOptions(checkpoint=...)"
         )
     return options
 
