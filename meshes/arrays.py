@@ -164,11 +164,8 @@ def size(points: NDArray[np.float64]) -> float:
 
 
 def places(mesh: MeshArrays, distance: float | None = None) -> NDArray[np.int64]:
-    """For every point a representative of the points that coincide with it (n,).
-
-    Args:
-        distance: Points closer than this coincide [mm]; None for rounding only.
-    """
+    """For every point a representative of the points that coincide with it (n,), those closer than
+    ``distance`` [mm]; None for rounding only."""
     used = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
     points = mesh.points[used]
     tree = scipy.spatial.cKDTree(points)
@@ -295,11 +292,7 @@ def _collapsed(kind: int, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], 
 
 
 def one_group_each(mesh: MeshArrays, groups: Collection[str | int] | None) -> MeshArrays:
-    """Every cell and facet once, in a single group.
-
-    Args:
-        groups: Names or tags of the groups to use; None for all.
-    """
+    """Every cell and facet once, in a single group, of all or of those with these names or tags."""
     if groups is not None:
         mesh = _only(mesh, groups)
     blocks = []

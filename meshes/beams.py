@@ -141,7 +141,6 @@ def _build(
     """Nodes and elements of both arms, in groups.
 
     Args:
-        planes: Positions of the nodes along all axes but the last.
         slit: First and last of the planes across the first axis at the slit; its faces share the
             last one, and the first one where that is not the end of the arms.
     """

@@ -166,11 +166,8 @@ def well_cut(
 def cut_balls(
     centres: NDArray[np.float64], radii: Sequence[float], size: float
 ) -> NDArray[np.float64]:
-    """Centres in a periodic cell whose sides keep a distance from tangents of balls.
-
-    Args:
-        radii: Radii of the circles around each centre, the same for all [mm].
-    """
+    """Centres in a periodic cell whose sides keep a distance from tangents of balls, of one radius
+    or several around each centre [mm]."""
     around = np.array(radii)[:, None]
 
     def clear(corner: NDArray[np.float64]) -> float:

@@ -17,11 +17,7 @@ Plane = str | Sequence[Sequence[float]]
 
 
 def turn(gmsh_model: Any, gdim: int, plane: Plane | None) -> None:
-    """Rotate a 2D gmsh mesh from its plane into z = 0; no action if ``plane`` is None.
-
-    Args:
-        plane: Where it lies; None for a plane z = const.
-    """
+    """Rotate a 2D gmsh mesh from its plane into z = 0; no action if ``plane`` is None."""
     if gdim != 2:
         if plane is not None:
             raise ValueError(f"plane={plane!r} is for 2D meshes, and this one is 3D")

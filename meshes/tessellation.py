@@ -233,11 +233,7 @@ def _joined(pieces: list[Piece], size: float, periodic: bool, shortest: float) -
 
 
 def _astray(joined: NDArray[np.int64], sides: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Classes whose corners lie on several sides, and none on all of these.
-
-    Args:
-        sides: Whether a corner is on a side, by axis (n, d).
-    """
+    """Classes whose corners lie on several sides, by axis (n, d), and none on all of these."""
     all_sides = np.zeros((joined.max() + 1, sides.shape[1]), dtype=bool)
     np.logical_or.at(all_sides, joined, sides)
     return np.setdiff1d(joined, joined[(sides == all_sides[joined]).all(axis=1)])

@@ -145,12 +145,10 @@ def sparsity(
     cells: NDArray[np.int32],
     facets: NDArray[np.int32],
 ) -> cpp.la.SparsityPattern:
-    """The pattern that couples all dofs of every cell, and those of the two cells of every facet.
+    """The pattern that couples all dofs of every cell, and those of the two cells of every facet, a
+    row (cell, facet in it, cell, facet in it), flattened.
 
     It needs a form but no kernel: nothing is compiled.
-
-    Args:
-        facets: Rows (cell, facet in it, cell, facet in it), flattened.
     """
     integrals = {
         integral: [(0, 0, entities, np.zeros(0, dtype=np.int8))]

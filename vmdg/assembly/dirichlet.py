@@ -140,11 +140,8 @@ class DirichletConditions:
         what: str,
         base: NDArray[np.float64] | None = None,
     ) -> None:
-        """Prescribe nodal dofs (block numbers).
-
-        Args:
-            base: Displacement to which the value is added (n, d) [mm]; default zero.
-        """
+        """Prescribe nodal dofs (block numbers); the value is added to ``base`` (n, d) [mm], default
+        zero."""
         if global_sum(self._space.mesh.comm, len(dofs)) == 0:
             raise ValueError(f"{what}: no degree of freedom is selected on any rank")
         index = component_index(component, self._d, what)

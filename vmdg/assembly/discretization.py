@@ -357,11 +357,8 @@ class Discretization:
             self.means.add_forces(forces, axial, vector)
 
     def create_matrix(self, kind: PETSc.Mat.Type = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
-        """An empty matrix with the pattern of the tangent, without means.
-
-        Args:
-            kind: AIJ, or BAIJ in nodal blocks, for which PETSc inserts nine entries per look-up.
-        """
+        """An empty matrix with the pattern of the tangent, without means, of type AIJ, or BAIJ in
+        nodal blocks, for which PETSc inserts nine entries per look-up."""
         self.couple()
         return create_matrix(self.mesh.comm, self._pattern, kind)
 

@@ -190,12 +190,8 @@ class MeanSpace:
         return self._forces
 
     def add_forces(self, forces: Array, axial: float, vector: Array) -> None:
-        """Add nodal forces f on ``broken``: on w their sums, on q_j sum_n f_n X_nj / l.
-
-        Args:
-            axial: This rank's force on F_33 [N mm].
-            vector: Over local dofs of ``space``, before ghosts are added to owners.
-        """
+        """Add nodal forces f on ``broken``: on w their sums, on q_j sum_n f_n X_nj / l, and this
+        rank's force on F_33 [N mm], to a vector before ghosts are added to owners."""
         f, total = forces.reshape(-1, self._d), vector.reshape(-1, self._d)
         np.add.at(total, self.nodes, f)
         moments = f.T @ self.x

@@ -97,12 +97,8 @@ def add_fields(
     trial: Field,
     change: FluxChange | None = None,
 ) -> None:
-    """The same for general fields, the sum of B^T.D.B over the points.
-
-    Args:
-        matrix: The matrix, with rows of test functions and columns of trial functions.
-        change: What the flux of bodies at points changes, if there are any.
-    """
+    """The same for general fields, the sum of B^T.D.B over the points: rows are those of test
+    functions, columns of trial functions."""
     points, jets = active.quadrature.points_of_facet, active.point_tangent.jets
     for rows in _batches(active):
         left, right = test(jets, rows), trial(jets, rows)
@@ -129,11 +125,8 @@ def uniform_flux(active: ActiveInterface, D: Array, gradient: Array) -> Array:
 def add_uniform(
     vector: Array, dofs: NDArray[np.int32], active: ActiveInterface, flux: Array
 ) -> None:
-    """Add int j(eta).flux over an interface, the forces from :func:`uniform_flux`.
-
-    Args:
-        dofs: Nodes of the cells in it (cells, nodes of a cell).
-    """
+    """Add int j(eta).flux over an interface, the forces from :func:`uniform_flux`, at nodes of the
+    cells (cells, nodes of a cell)."""
     active.point_tangent.add_forces(flux, dofs, vector)
 
 

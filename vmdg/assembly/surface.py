@@ -155,11 +155,8 @@ class Surface:
     def add_fluid(
         self, active: ActiveInterface, value: Value, debonded: bool, share: Share | None
     ) -> None:
-        """Pressure [MPa] on both faces of an interface with a fluid.
-
-        Args:
-            share: Fraction of the value as a function of the opening at the points; None for 1.
-        """
+        """Pressure [MPa] on both faces of an interface with a fluid, times a share of the opening
+        at the points, if there is one."""
         if active in self.fluids:
             raise ValueError(
                 f"pressure: {active.facets.label} has a pressure already; give their sum"

@@ -76,10 +76,8 @@ def same_call(
 ) -> None:
     """Refuse a collective call that only some ranks make, or with different arguments; collective.
 
-    It detects ranks that make a different checked call at the same place.
-
-    Args:
-        reminder: Seconds that a rank waits for the others before it prints a reminder.
+    It detects ranks that make a different checked call at the same place. After ``reminder``
+    seconds a rank that waits for the others says so.
     """
     if comm.size == 1:
         return

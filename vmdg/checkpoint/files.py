@@ -53,11 +53,8 @@ def latest(folder: Path) -> Path | None:
 def write_files(
     comm: MPI.Comm, folder: Path, about: Mapping[str, Any], arrays: Mapping[str, NDArray]
 ) -> None:
-    """Replace the content of the folder; collective.
-
-    Args:
-        arrays: This rank's rows by name; the file contains the rows of all ranks in order.
-    """
+    """Replace the content of the folder, by this rank's rows by name; a file contains the rows of
+    all ranks in order; collective."""
     message = None
     try:
         json.dumps(about, default=_plain)
@@ -97,11 +94,8 @@ def write_files(
 def read_description(
     comm: MPI.Comm, folder: Path, version: int
 ) -> tuple[Path, dict[str, Any]] | None:
-    """The complete folder and its description, None if there is none; collective.
-
-    Args:
-        version: "format" of a description with checksums; others are returned unchecked.
-    """
+    """The complete folder and its description, None if there is none; unchecked where its "format"
+    is another one than ``version``, which has checksums; collective."""
     found, message = None, None
     if comm.rank == 0:
         try:

@@ -98,11 +98,8 @@ def restore_fields(
     places: fem.FunctionSpace,
     rows: Collection[str] = (),
 ) -> dict[str, NDArray[np.float64]]:
-    """Fields by name, ghosts included, from the records of all cells.
-
-    Args:
-        space: Space of the fields; dofs outside all cells are zero.
-    """
+    """Fields by name, ghosts included, from the records of all cells; zero at dofs outside all
+    cells."""
     mine, present = records[_input_numbers(space.mesh)], _places(places)
     arrays = {}
     for name in set(records.dtype.names or ()) - set(rows):

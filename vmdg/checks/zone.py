@@ -229,11 +229,7 @@ def _stiffness(
     problem: Problem, cells: NDArray[np.int32], N: Array, x: Array
 ) -> tuple[Array, Array]:
     """1/E' in opening and in shear (n, 2, 2) [1/MPa] and E_x (n, 2) [MPa] of both sides, 0 and inf
-    of rigid ones; collective.
-
-    Args:
-        N, x: Normal of a facet and direction in which the crack grows (n, d).
-    """
+    of rigid ones, for normals N of facets and directions x of growth (n, d); collective."""
     bodies, d = problem.discretization.bodies, x.shape[1]
 
     def moduli(body: Body, F: Expr) -> Expr:

@@ -53,11 +53,8 @@ class Lattice:
         return (x - self.origin) @ np.linalg.inv(self.vectors)
 
     def images(self, x: Array) -> NDArray[np.intp]:
-        """Pairs of entities on opposite faces of the cell (n, 2).
-
-        Args:
-            x: Points of every entity, of all ranks (entities, points, d).
-        """
+        """Pairs of entities on opposite faces of the cell (n, 2), from points of each, of all ranks
+        (entities, points, d)."""
         fractions, middle = self.fractions(x), x.mean(axis=1)
         pairs = [np.zeros((0, 2), dtype=np.intp)]
         for i, vector in enumerate(self.vectors):
@@ -94,11 +91,8 @@ class Lattice:
 
 
 def make_lattice(mesh: Mesh, vectors: ArrayLike | None) -> Lattice:
-    """The lattice of a mesh; collective.
-
-    Args:
-        vectors: Its sides, one per row (d, d); None for those of its bounding box [mm].
-    """
+    """The lattice of a mesh, by its sides, one per row (d, d) [mm], or those of its bounding box;
+    collective."""
     d = mesh.geometry.dim
     A = np.diag(box_sides(mesh)[:d]) if vectors is None else as_numbers(vectors)
     if A.shape != (d, d) or not np.isfinite(A).all() or not np.linalg.cond(A) < 1e6:

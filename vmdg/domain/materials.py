@@ -49,9 +49,6 @@ class Region:
 class Bodies:
     """The regions of a mesh.
 
-    Args:
-        plane_stress: Zero stress out of the plane instead of zero strain.
-
     Attributes:
         walls: Displacement of every tag that is a rigid wall.
         rigid: Marks of local cells that belong to a rigid wall.

@@ -20,11 +20,7 @@ from .materials import Bodies
 
 
 class RegionExpressions:
-    """An expression of the body and F at the current displacement, by a kernel for every region.
-
-    Args:
-        regions: Numbers of the regions in which it is evaluated, the same on all ranks; collective.
-    """
+    """An expression of the body and F at the current displacement, by a kernel for every region."""
 
     def __init__(
         self,

@@ -75,9 +75,6 @@ class PointBodies:
 
     All local cells are evaluated, ghosts included, so ranks need not communicate.
 
-    Args:
-        plane_stress: Zero stress out of the plane instead of zero strain.
-
     Attributes:
         cells: Local cells, by tag in the order of ``materials``, (n,).
         points: Reference points in a cell (q, d).
@@ -471,11 +468,7 @@ class PointBodies:
 
 
 class PointDeformation:
-    """F, at small strain the strain, at the points of cells; with mean dilatation diag(F, theta).
-
-    Args:
-        axes: Place in the result of every axis of the forms.
-    """
+    """F at the points of cells, at small strain the strain; with mean dilatation diag(F, theta)."""
 
     def __init__(
         self,

@@ -62,9 +62,6 @@ def cell_nodes(mesh: Mesh, cells: NDArray[np.int32] | slice) -> Array:
 class GeometryMap:
     """The map X(xi) from the reference cell to the cells of a mesh, at some points.
 
-    Args:
-        points: Reference points (points, t).
-
     Attributes:
         values: Its shape functions at the points (points, nodes).
         slopes: Their derivatives (t, points, nodes).
@@ -149,12 +146,9 @@ class FacetShapes(NamedTuple):
     points: Array  # X (n, points, d) [mm]
 
     def at(self, positions: Array) -> FacetShapes:
-        """The same with the points of each facet in the order of ``positions``.
+        """The same with the points of each facet in the order of positions X (n, points, d) [mm].
 
         DOLFINx 0.10 and later order the points of a facet by its orientation in the mesh.
-
-        Args:
-            positions: X of the points in that order (n, points, d) [mm].
         """
         apart = np.linalg.norm(self.points[:, None] - positions[:, :, None], axis=3)
         order = apart.argmin(axis=2)

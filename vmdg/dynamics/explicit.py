@@ -41,9 +41,6 @@ _VANISHES = "STEP_VANISHES"
 class ExplicitSteps:
     """Steps of central differences, see :class:`.CentralDifferences`.
 
-    Args:
-        continues: Whether to continue between two renewals of an earlier run.
-
     Attributes:
         balance: Of the energies; None before the first step.
         taken: Number of steps so far.

@@ -33,11 +33,7 @@ _SHOWN = ("progress", "show", "verbose", "csv", "checkpoint", "checkpoint_every"
 
 
 class RunFile:
-    """Runs by their parameters in a JSON file; all methods are collective.
-
-    Args:
-        path: The file; None to keep the runs in memory.
-    """
+    """Runs by their parameters in a JSON file; all methods are collective."""
 
     def __init__(self, comm: MPI.Comm, path: str | Path | None):
         self._comm, self._path = comm, None if path is None else Path(path)

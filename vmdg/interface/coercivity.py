@@ -312,11 +312,8 @@ class CellProblems:
         known: Moduli,
         weights: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """:meth:`__call__` for some cells and the pairs that belong to them.
-
-        Args:
-            of_cell: Place of the cell of every pair among the cells, ascending (pairs,).
-        """
+        """:meth:`__call__` for some cells and the pairs that belong to them, ``of_cell`` the place
+        of the cell of every pair among the cells, ascending (pairs,)."""
         dilatations = self._dilatations(cells, known.volume)
         factor, energy, pressed = self._energy_factor(cells, known.bulk, dilatations)
         # int_f h.T.h = |Z u|^2 and E = |R u|^2: with S = Z.R^-1 the eigenvalues are those of S.S^T,

@@ -93,7 +93,6 @@ def gap_work(active: ActiveInterface, dt: float, straight: bool) -> tuple[float,
     the bond softens, an error of third order.
 
     Args:
-        active: The interface, at the end of a step that is not yet committed.
         straight: Use the mean of the tractions at both ends.
     """
     update, history, q, law = active.values.update, active.history, active.quadrature, active.law

@@ -628,12 +628,8 @@ class MovingInterface(ActiveInterface):
 def tractions_at(
     places: Array, size: float, traction: Array, normal: Array, weights: Array
 ) -> tuple[Array, Array]:
-    """Normals and tractions (n, d) of points, those at one place with their means by dA: which of
-    them is the nearest would be a matter of rounding.
-
-    Args:
-        traction: T in the frame of the law (n, d) [MPa].
-    """
+    """Normals and tractions (n, d), in the frame of the law, of points, those at one place with
+    their means by dA: which of them is the nearest would be a matter of rounding."""
     place, count = _numbered(places, _SAME * size)
     if count is None:
         return normal, traction

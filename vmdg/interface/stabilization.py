@@ -307,11 +307,8 @@ class Stabilizers:
         self._constants: list[Stabilization] | None = None
 
     def for_step(self, floors: Sequence[NDArray[np.float64]]) -> list[Stabilization]:
-        """Stabilization of every interface for a step from the current displacement; collective.
-
-        Args:
-            floors: Largest r of the run so far (nf,) [MPa/mm].
-        """
+        """Stabilization of every interface for a step from the current displacement, above the
+        largest r of the run so far (nf,) [MPa/mm]; collective."""
         if self._constants is not None:
             return self._constants
         scaled = self.scaled(*self.needed(), floors)

@@ -149,11 +149,8 @@ class PointTangent:
         return matrices
 
     def add_forces(self, flux: Array, dofs: NDArray[np.int32], vector: Array) -> None:
-        """Add int j(eta).flux, with dA (nq, jet), to a vector over local dofs.
-
-        Args:
-            dofs: Nodes of the cells in the vector (cells, nodes of a cell).
-        """
+        """Add int j(eta).flux, with dA (nq, jet), to a vector over local dofs, at nodes of cells
+        (cells, nodes of a cell) [N]."""
         points, jets = self._quadrature.points_of_facet, self.jets
         nodes = dofs[self._quadrature.facets.cells]
         call(self._module, "add_forces", points, jets.values, jets.gradients, flux, nodes, vector)

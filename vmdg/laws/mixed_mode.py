@@ -295,11 +295,7 @@ class MixedModeDebonding(ExtrinsicLaw):
         direction: Array,
         k_t: Array,
     ) -> Array:
-        """d zeta/d T_tr (m, d, d).
-
-        Args:
-            k_t: |dzeta_T|/|T_tr,T| (m,), mm/MPa.
-        """
+        """d zeta/d T_tr (m, d, d), with k_t = |dzeta_T|/|T_tr,T| (m,), mm/MPa."""
         g, cos, sin, m = flow.g, flow.cos, flow.sin, flow.m
         opening = m * cos, g * (flow.m_by_angle * cos - m * sin)
         sliding = m * sin, g * (flow.m_by_angle * sin + m * cos)

@@ -463,12 +463,8 @@ def _rubbed(
     growing: NDArray[np.bool_],
     rubbing: Rubbing,
 ) -> Array:
-    """Integral of d along the slip (m,), mm: d_n up to the largest gap so far, then d of the gap.
-
-    Args:
-        held: zeta_T,n (m, d).
-        g_n: Largest gap before (m,).
-    """
+    """Integral of d along the slip from zeta_T,n (m, d) (m,), mm: d_n up to the largest gap so far,
+    then d of the gap."""
     forward, reach = dot(held, rubbing.n), shear.scale * g_n
     room = forward * forward + reach * reach - dot(held, held)
     first = np.sqrt(np.maximum(room, 0.0)) - forward

@@ -270,9 +270,6 @@ class HistoryFile:
     The same happens at the start, when a run that continues from a checkpoint finds rows that it
     will repeat. Anything else of this name is kept: history.csv becomes history.1.csv, etc. Only
     one run at a time may write the file.
-
-    Args:
-        path: The file; None for no file.
     """
 
     def __init__(self, comm: MPI.Comm, path: str | Path | None, history: History):

@@ -96,11 +96,8 @@ def _around(points: NDArray, corners: NDArray, centre: ArrayLike | None) -> NDAr
 def _arc_length(
     nodes: NDArray[np.float64], vertices: NDArray[np.intp], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Arc length of points on a chain of facets (n,).
-
-    Args:
-        vertices: The two corners of the facet of each point (2, n).
-    """
+    """Arc length of points on a chain of facets (n,), by the two corners of the facet of each (2,
+    n)."""
     facets, facet = np.unique(np.sort(vertices, axis=0), axis=1, return_inverse=True)
     facet = facet.ravel()
     used, degree = np.unique(facets, return_counts=True)

@@ -98,15 +98,12 @@ def draw_solid(
     Where that is impossible the axes say why.
 
     Args:
-        ax: The axes, without a projection.
         corners: Of the facets, in order around them (n, c, 3) [mm].
         values: At the corners (n, c), or of the facets (n,), which are smoothed.
         limits: Values at both ends of the colours; None for the least and the largest.
-        colours: Name of a colour map.
         box: Least and largest coordinates of what the picture shows (2, 3) [mm].
         view: Direction from the body to the viewer, upwards being z, or y if that is the direction.
         outline: Facets of which only edges are drawn (m, c, 3) [mm].
-        edges: Width of the lines between cells [points].
 
     Returns:
         What a colour bar needs.

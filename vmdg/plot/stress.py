@@ -88,13 +88,7 @@ def curve(
 
 
 def label_axis(axis: Axis, label: str, largest: float) -> None:
-    """Label an axis, in µm instead of mm, or µs instead of s, where its largest value is small.
-
-    Args:
-        axis: Of axes, whose data are in the unit of the label.
-        label: With its unit, as "x [mm]".
-        largest: Largest value on the axis.
-    """
+    """Label an axis, in µm instead of mm, or µs instead of s, where its largest value is small."""
     for unit, (smaller, factor, bound) in SMALLER.items():
         if label.endswith(f" [{unit}]") and largest < bound:
             axis.set_major_formatter(

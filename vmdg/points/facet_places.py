@@ -73,11 +73,8 @@ class FacetPolynomials:
     def places(
         self, rows: Numbers, segments: Segments, plane: Array, u: fem.Function | None = None
     ) -> FacetPlaces:
-        """Places on facets of the surface, one for each of some segments.
-
-        Args:
-            plane: Coordinates in the planes (ns, points, d - 1) [mm].
-        """
+        """Places on facets of the surface, one for each of some segments, from coordinates in their
+        planes (ns, points, d - 1) [mm]."""
         current, (count, points, _), d = self._reference, plane.shape, self._mesh.geometry.dim
         if u is not None:
             assert u.function_space.ufl_element().degree <= self._degree

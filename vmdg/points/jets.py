@@ -34,9 +34,6 @@ class Block(NamedTuple):
 class FacetJets:
     """The jets of displacements, and with mean dilatation those of dilatations, on all facets.
 
-    Args:
-        shapes: On both sides the shape functions and their gradients at the points.
-
     Attributes:
         entries: (i, j) of the entries of GRAD w in a jet.
         values: Shape functions (nf, points, 2 sides, nodes).

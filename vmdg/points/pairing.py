@@ -238,12 +238,9 @@ class Surfaces:
         return most, place
 
     def passed(self, segments: Segments, u: fem.Function, start: NDArray[np.float64]) -> bool:
-        """Whether in a step one body has moved into or through the other one, where nothing is
-        paired; collective, the answer is that of this rank.
-
-        Args:
-            start: Displacement at the start of the step, local dofs [mm].
-        """
+        """Whether in a step from a displacement, local dofs [mm], one body has moved into or
+        through the other one, where nothing is paired; collective, the answer is that of this
+        rank."""
         found = [self.overlap(segments, u)[1] is not None]
         before = u.copy()
         before.x.array[:] = start
@@ -388,12 +385,8 @@ def place(
     geometry: Geometry = CARTESIAN,
     small: bool = False,
 ) -> InterfaceFacets:
-    """The facets of an interface, or the pairs of facets where its bodies share no nodes;
-    collective.
-
-    Args:
-        stiffness: Of cells [MPa], to choose side 1 of surfaces that slide.
-    """
+    """The facets of an interface, or the pairs of facets where its bodies share no nodes, side 1 of
+    surfaces that slide by the stiffness of cells [MPa]; collective."""
     label, comm = label or str(interface), mesh.comm
     fdim = mesh.topology.dim - 1
     if interface.surfaces is not None:

@@ -183,9 +183,6 @@ class Points:
 
         N is the outward normal of each side; where the areas of the sides differ, that of side 2 is
         its area per area of side 1.
-
-        Args:
-            fluid: Fluid pressure at the points of side 1; None for none.
         """
         return _PointExpressions(self, u, bodies, shape, expression, name, fluid)
 

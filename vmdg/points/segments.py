@@ -261,9 +261,6 @@ def inside(facets: FlatFacets, body: FlatFacets, paired: Numbers, deepest: float
     is there may be stopped by facets around: the side of a block is inside a floor that its bottom
     presses. That is so where a facet with a partner is no farther away than twice D, the distance
     of the surface, or twice the deepest overlap of pairs.
-
-    Args:
-        deepest: The deepest overlap of pairs [mm].
     """
     x, N, tree = facets.centres, facets.normals, body.tree
     size = np.concatenate([facets.radii, body.radii]).max(initial=0.0)

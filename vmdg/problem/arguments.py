@@ -320,11 +320,8 @@ def check_rigid_face(
 
 
 def check_pairs(facets: Sequence[InterfaceFacets], others: Mapping[str, bool]) -> None:
-    """Check what is given together with interfaces whose meshes do not match.
-
-    Args:
-        others: Whether the problem has a feature, by what the user wrote for it.
-    """
+    """Check what is given together with interfaces whose meshes do not match: ``others`` says
+    whether the problem has a feature, by what the user wrote for it."""
     present = [name for name, given in others.items() if given]
     for selected in facets:
         if selected.paired and present:

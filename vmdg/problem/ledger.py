@@ -112,12 +112,8 @@ class Ledger:
         self.works = replace(self.works, within=within, plastic=plastic)
 
     def complete(self, allowed: float = 0.0) -> None:
-        """Compute the pending work of the last step, at its end; collective.
-
-        Args:
-            allowed: A curvature term that is estimated to be no larger than this stays as it is
-                [N mm].
-        """
+        """Compute the pending work of the last step, at its end; a curvature term that is estimated
+        to be no larger than ``allowed`` stays as it is [N mm]; collective."""
         pending = self.works.pending
         if pending is None or 0 < abs(pending.entered) <= allowed:
             return
@@ -287,12 +283,8 @@ class Ledger:
     def _pending(
         self, slopes: Sequence[float], gap: NDArray[np.float64], entered: float, at_rest: bool
     ) -> Pending:
-        """Data to compute the curvature of the step.
-
-        Args:
-            slopes: phi at start and end from the loads, this rank's [N mm].
-            gap: d zeta, flat [mm].
-        """
+        """Data to compute the curvature of the step: phi at start and end from the loads, this
+        rank's [N mm], and d zeta, flat [mm]."""
         start, forces, t = self._start.state, self._start.forces, self._loading.t
         change = self.discretization.u.x.array - start.u, gap
         before = first = slopes[0] + 2 * self._relaxed()

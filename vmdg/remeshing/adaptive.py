@@ -87,21 +87,14 @@ class Window:
 
 
 class Kept(NamedTuple):
-    """The state of a row to which a run may return.
-
-    Attributes:
-        rows: Number of rows up to there.
-        loads: Number of load factors that have been reached.
-        warned: Number of warnings up to there.
-        ended: Whether the run is at its end.
-    """
+    """The state of a row to which a run may return."""
 
     state: Snapshot
     scales: RunScales
-    rows: int
-    loads: int
-    warned: int
-    ended: bool
+    rows: int  # Number of rows up to there
+    loads: int  # Number of load factors that have been reached
+    warned: int  # Number of warnings up to there
+    ended: bool  # Whether the run is at its end
 
 
 @dataclass

@@ -25,8 +25,6 @@ class Location:
 
     Args:
         tags: Of the local cells of the mesh of the space, ghosts included.
-        mesh: The other mesh.
-        theirs: Tags of its local cells.
     """
 
     def __init__(

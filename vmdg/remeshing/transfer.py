@@ -214,21 +214,13 @@ def _field(problem: Problem, values: Array) -> fem.Function:
 
 
 class Carried(NamedTuple):
-    """What points carry to another mesh.
+    """What points carry to another mesh."""
 
-    Attributes:
-        history: With the zeta of the nearest old point.
-        gradient: :meth:`.ActiveInterface.work_gradient` (nq, d).
-        compliance: C = d zeta/dT of the nearest old point (nq, d, d).
-        penalty: r of that point (nq,) [MPa/mm].
-        same: Whether it is at the same place (nq,).
-    """
-
-    history: PointHistory
-    gradient: Array
-    compliance: Array
-    penalty: Array
-    same: NDArray[np.bool_]
+    history: PointHistory  # With the zeta of the nearest old point
+    gradient: Array  # :meth:`.ActiveInterface.work_gradient` (nq, d)
+    compliance: Array  # C = d zeta/dT of the nearest old point (nq, d, d)
+    penalty: Array  # r of that point (nq,) [MPa/mm]
+    same: NDArray[np.bool_]  # Whether it is at the same place (nq,)
 
 
 def _carried(old: ActiveInterface, new: ActiveInterface) -> Carried | None:

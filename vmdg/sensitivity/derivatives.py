@@ -63,7 +63,6 @@ class Derivatives:
     """Carries the derivatives of a problem along its steps; all methods are collective.
 
     Args:
-        problem: The problem, in its initial state or at the end of a run with the same parameters.
         names: Names of the parameters, or values by name, see :mod:`.parameters`.
         energy: Whether derivatives of dissipated energies and external work are needed.
     """
@@ -189,12 +188,8 @@ class Derivatives:
         given: Sequence[Trial],
         points: Sequence[PointRates],
     ) -> Array:
-        """dlambda/dp of a step whose load factor is unknown (parameters,).
-
-        Args:
-            found: Displacements at fixed load factor by parameter, and by the load factor, with
-                their forces.
-        """
+        """dlambda/dp of a step whose load factor is unknown (parameters,), from displacements at
+        fixed load factor by parameter, and by the load factor, with their forces."""
         *still, along = (u for u, _ in found)
         products = [along @ u for u in (*still, along)]
         *sums, square = global_sum(self._problem.comm, products)

@@ -178,11 +178,8 @@ def _return_maps(
     rows: NDArray[np.intp],
     dt: float,
 ) -> Update:
-    """Return maps with these laws, elastic except in some rows; a stack.
-
-    Args:
-        arguments: T_tr, zeta_n, Q_n and r for every law (n, nq, ...).
-    """
+    """Return maps of T_tr, zeta_n, Q_n and r with these laws (n, nq, ...), elastic except in some
+    rows; a stack."""
     load, *rest = arguments
     update = Update.elastic(*(one.reshape(-1, *one.shape[2:]) for one in (load, *rest[:2])))
     update = _without_tangents(update)

@@ -29,11 +29,8 @@ class Rows:
         self._parameters = parameters
 
     def columns(self, row: Mapping[str, Any], watched: Row, energies: Row | None) -> dict[str, Any]:
-        """Derivatives of a row of the history, after the step is committed.
-
-        Args:
-            row: Values of the monitor by name, with or without a unit.
-        """
+        """Derivatives of a row of the history, of values by name with or without a unit, after the
+        step is committed."""
         rates, found = self._problem.step.rates, {}
         names = [name for name, value in row.items() if isinstance(value, float | np.ndarray)]
         for parameter in self._parameters:

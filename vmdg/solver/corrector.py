@@ -66,11 +66,7 @@ class Corrector:
         return float(np.finfo(float).eps) * self._size * self._size * self._system.norm
 
     def solve(self, limits: Limits, dt: float, last: Attempt | None) -> Attempt:
-        """Find the equilibrium at which the first of the limits is met; collective.
-
-        Args:
-            dt: Time step of the return maps [s].
-        """
+        """Find the equilibrium at which the first of the limits is met; collective."""
         problem, krylov, scales = self._problem, self._system.iterations, self._problem.step.scales
         self._system.lags = False
         given = problem, self._system, self._pieces, self._options.path, self._size

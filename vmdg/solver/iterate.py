@@ -36,10 +36,6 @@ NEGLIGIBLE_RATE = 1e-8
 class Iterate:
     """The iterate of an attempt, the state of the problem; all methods are collective.
 
-    Args:
-        size: Size of the body [mm].
-        dt: Time step of the return maps [s].
-
     Attributes:
         limits: As given, or those of a step that ends at the onset of damage.
         along: Unit tangent of the path there; None while unknown.

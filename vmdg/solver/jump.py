@@ -28,7 +28,6 @@ def jump(
     sufficiently large s. It ends in a stable state.
 
     Args:
-        most: Largest damage work in a step [N mm].
         limit: The last state of the stable path. What is released relative to it replaces the work
             of the overstress.
 

@@ -15,17 +15,11 @@ Neighbour = tuple[Snapshot, Attempt]
 
 
 class PathPoint(NamedTuple):
-    """A state near a limit point.
+    """A state near a limit point."""
 
-    Attributes:
-        work: Damage work, relative to some state [N mm].
-        height: Load factor in the direction of loading, relative to some state.
-        slope: Derivative of the height by the work; NaN if unknown.
-    """
-
-    work: float
-    height: float
-    slope: float
+    work: float  # Damage work, relative to some state [N mm]
+    height: float  # Load factor in the direction of loading, relative to some state
+    slope: float  # Derivative of the height by the work; NaN if unknown
     state: Snapshot
     found: Attempt | None
 

@@ -49,16 +49,11 @@ def unpacked(x: NDArray[np.float64]) -> Direction:
 
 
 class Reach(NamedTuple):
-    """Values of the limited quantities at a state of a step, or their rates along a direction.
-
-    Attributes:
-        work: Damage work [N mm].
-        arc_length: Displacement along the path tangent at the start of the step [mm].
-    """
+    """Values of the limited quantities at a state of a step, or their rates along a direction."""
 
     t: float = 0.0
-    work: float = 0.0
-    arc_length: float = 0.0
+    work: float = 0.0  # Damage work [N mm]
+    arc_length: float = 0.0  # Displacement along the path tangent at the start of the step [mm]
 
 
 class Jump(NamedTuple):
@@ -74,23 +69,15 @@ class Jump(NamedTuple):
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of a step.
-
-    Attributes:
-        span: Size of the stage, the largest change of the parameter in a correction.
-        onset: Damage work below which damage counts as starting; 0 to ignore this [N mm].
-        kinks: Whether the step ends at an onset even where all pieces begin together.
-        work: Damage work [N mm].
-        arc_length: Arc length [mm].
-    """
+    """The limits of a step."""
 
     start: float
     target: float
-    span: float
-    onset: float = 0.0
-    work: float = math.inf
-    arc_length: float = math.inf
-    kinks: bool = False
+    span: float  # Size of the stage, the largest change of the parameter in a correction
+    onset: float = 0.0  # Damage work below which damage counts as starting; 0 to ignore this [N mm]
+    work: float = math.inf  # Damage work [N mm]
+    arc_length: float = math.inf  # Arc length [mm]
+    kinks: bool = False  # Whether the step ends at an onset even where all pieces begin together
     jump: Jump | None = None
 
     def __str__(self) -> str:

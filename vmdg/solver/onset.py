@@ -26,16 +26,12 @@ Names = NDArray[np.int64]
 
 
 class Sound(NamedTuple):
-    """The pieces at the start of a step.
-
-    Attributes:
-        points: Points of sound pieces; empty if there are none.
-        counted: Points of pieces that have only begun to fail, whose damage work limits the step;
-            empty if there are none.
-    """
+    """The pieces at the start of a step."""
 
     elastic: bool = False
-    points: Points = ()
+    points: Points = ()  # Points of sound pieces; empty if there are none
+    # Points of pieces that have only begun to fail, whose damage work limits the step; empty if
+    # there are none
     counted: Points = ()
 
 

@@ -16,17 +16,11 @@ Array = NDArray[np.float64]
 
 
 class Rate(NamedTuple):
-    """Derivatives by the parameter.
+    """Derivatives by the parameter."""
 
-    Attributes:
-        forces: Derivative of minus the residual on owned dofs [N].
-        supports: Prescribed displacements, owned dofs [mm].
-        work: Damage work, without that of the displacement [N mm].
-    """
-
-    forces: Array
-    supports: Array
-    work: float = 0.0
+    forces: Array  # Derivative of minus the residual on owned dofs [N]
+    supports: Array  # Prescribed displacements, owned dofs [mm]
+    work: float = 0.0  # Damage work, without that of the displacement [N mm]
 
 
 class Parameter:

@@ -38,22 +38,17 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Stage:
-    """The way to a given load factor.
-
-    Attributes:
-        follows: Whether loads are linear in between, so that the path is followed; otherwise load
-            control is used.
-        traces: Whether snaps are traced, or stop the run, rather than jumped over.
-        most: Largest damage work in a step [N mm].
-        unloads: Whether loads have turned back, so that bonds unload at first: damage work, which
-            grows along the way back too, does not tell where the path goes.
-    """
+    """The way to a given load factor."""
 
     start: float
     target: float
+    # Whether loads are linear in between, so that the path is followed; otherwise load control is
+    # used
     follows: bool
-    traces: bool
-    most: float
+    traces: bool  # Whether snaps are traced, or stop the run, rather than jumped over
+    most: float  # Largest damage work in a step [N mm]
+    # Whether loads have turned back, so that bonds unload at first: damage work, which grows along
+    # the way back too, does not tell where the path goes
     unloads: bool = False
     leapt: tuple[float, ...] = ()
 
@@ -81,30 +76,21 @@ class Stage:
 
 @dataclass(frozen=True)
 class Size:
-    """Size limits of the next step, other than the damage work.
+    """Size limits of the next step, other than the damage work."""
 
-    Attributes:
-        arc_length: Arc length [mm].
-        idle: Number of steps without progress since the last one with damage.
-    """
-
-    arc_length: float = math.inf
+    arc_length: float = math.inf  # Arc length [mm]
     stride: float = math.inf
     last: Attempt | None = None
-    idle: int = 0
+    idle: int = 0  # Number of steps without progress since the last one with damage
 
 
 @dataclass
 class Crest:
-    """A limit point of the load that the path may still exceed.
+    """A limit point of the load that the path may still exceed."""
 
-    Attributes:
-        last: The last state before it and the step between them; None where there is none.
-        limit: The state of the largest load; None while the load grows.
-    """
-
+    # The last state before it and the step between them; None where there is none
     last: tuple[Snapshot, Attempt] | None = None
-    limit: Snapshot | None = None
+    limit: Snapshot | None = None  # The state of the largest load; None while the load grows
     kept: list[tuple[Part, Snapshot]] = field(default_factory=list)
 
 

@@ -23,15 +23,10 @@ from .steps import Steps
 
 
 class Place(NamedTuple):
-    """A state on the path.
+    """A state on the path."""
 
-    Attributes:
-        way: Its distance along the path from an earlier state, in any measure that grows.
-        force: See :func:`.force_of`.
-    """
-
-    way: float
-    force: float
+    way: float  # Its distance along the path from an earlier state, in any measure that grows
+    force: float  # See :func:`.force_of`
 
 
 class Look(NamedTuple):
@@ -71,11 +66,6 @@ class Peaks:
     ) -> tuple[Attempt, Snapshot] | None:
         """The state inside a converged step in which the force exceeds all so far and that at its
         end; None if there is none, or if the load falls.
-
-        Args:
-            before: The start of the step.
-            last: The step before it.
-            most: Largest damage work in a step [N mm].
         """
         small = self._numbers.small
         if limits.toward * (self._problem.t - before.t) <= 0:

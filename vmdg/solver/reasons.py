@@ -8,14 +8,10 @@ from typing import NamedTuple
 
 
 class Reason(NamedTuple):
-    """Why a step failed.
-
-    Attributes:
-        helps: Options and modelling choices, in the order to try them.
-    """
+    """Why a step failed."""
 
     happened: str
-    helps: str
+    helps: str  # Options and modelling choices, in the order to try them
 
 
 _SMALLER = "smaller steps (more load factors, SolveOptions(max_cuts=12))"

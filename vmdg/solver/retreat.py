@@ -31,12 +31,6 @@ def done_twice(
     * friction and bodies take work, that of friction sum |T_T| b, relative to the damage work
       beyond the limit. Where bodies flow, and points of surfaces that slide are others in every
       state, it is all that they take while the load falls.
-
-    Args:
-        before: The state before the limit point.
-        limit: The state of the largest load.
-        states: Those beyond, in their order.
-        small: Fraction of the work that is rounding.
     """
     now = limit.discretization
     comm, fraction, work = now.mesh.comm, np.zeros(len(states)), np.zeros((2, len(states)))

@@ -39,9 +39,6 @@ def agreed(
 ) -> SolveOptions:
     """Check the arguments that all runs have; collective.
 
-    Args:
-        given: Further arguments, which must be equal on all ranks.
-
     Returns:
         Options of rank 0 for all ranks.
 
@@ -134,9 +131,6 @@ def run_of(
 ) -> Iterator[Run]:
     """A run of a problem; however it ends, the problem is in the state of its last row, or as left
     by a failed step; collective.
-
-    Args:
-        continued: Whether the history is that of an earlier run.
     """
     if options.checkpoint is not None and not continued:
         warn_of_replacement(problem.comm, options.checkpoint)

@@ -132,12 +132,7 @@ class Snes:
 
 
 def verdict(norms: Sequence[float], goal: float, met: bool, options: SolveOptions) -> int:
-    """PETSc's reason to end an iteration, or to continue it.
-
-    Args:
-        norms: Norms of the residual so far [N].
-        goal: Norm at which it has converged [N].
-    """
+    """PETSc's reason to end an iteration, or to continue it."""
     reasons, norm, numbers = PETSc.SNES.ConvergedReason, norms[-1], options.path
     if not np.isfinite(norm + goal):
         return SNES_REASONS["DIVERGED_FNORM_NAN"]
@@ -161,7 +156,6 @@ def rounding_of_forces(problem: Problem, size: float, stiffness: float) -> float
     positions of nodes times the stiffness.
 
     Args:
-        size: Of the body [mm].
         stiffness: Norm of the tangent, the largest sum of a row [N/mm].
     """
     far = global_max(problem.comm, float(np.abs(problem.u.x.array).max(initial=0.0)))

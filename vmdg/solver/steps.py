@@ -24,9 +24,7 @@ class Steps:
     """Attempts of steps of a problem, with a corrector for the facets that are open.
 
     Args:
-        progress: Progress output; None for one by ``options``.
         check: Called before every attempt; may raise to end the run.
-        derivatives: Carries derivatives along; None for none.
     """
 
     def __init__(
