@@ -98,11 +98,7 @@ class Balance:
 
 
 class Losses:
-    """Warns of a run in time whose steps lose or make much energy, once.
-
-    Args:
-        cure: What makes the imbalance smaller.
-    """
+    """Warns of a run in time whose steps lose or make much energy, once."""
 
     def __init__(self, problem: Problem, cure: str):
         self._problem, self._cure, self._told = problem, cure, False

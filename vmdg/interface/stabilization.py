@@ -252,11 +252,8 @@ class Stabilizer:
         return not (applied.norm < needed).any()
 
     def check_softening(self, stabilization: Stabilization) -> None:
-        """
-
-        SoftensTooFast: at this penalty the bond would soften faster than the bodies unload;
-            collective.
-        """
+        """Refuse a penalty at which the bond would soften faster than the bodies unload, by
+        :class:`SoftensTooFast`; collective."""
         comm = self._quadrature.mesh.comm
         r, law = stabilization.norm, self.facets.law
         H = np.broadcast_to(law.softening_modulus, r.shape)

@@ -42,7 +42,6 @@ def shown(history: History, wanted: Sequence[str] | str | None) -> list[str]:
 
 
 def row_in_words(history: History, wanted: Sequence[str] | str | None) -> list[str]:
-    """Load factor, or time, and chosen columns of the last row, with their units."""
     row, names = history.rows[-1], shown(history, wanted)
     columns = [f"{name} {_text(row[name])}{_unit(history, name)}" for name in names]
     where = "load" if "load" in row else "time"

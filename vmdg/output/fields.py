@@ -255,10 +255,7 @@ class FieldWriter:
         self._do(lambda: [writer.write(t) for writer in self._writers])
 
     def _check_files(self) -> None:
-        """
-
-        OSError: one was removed.
-        """
+        """An OSError where a file was removed."""
         gone = [file.name for file in self._files if self._comm.rank == 0 and not file.exists()]
         if gone:
             raise OSError(f"{gone[0]} was removed")

@@ -179,7 +179,6 @@ class History:
         return f"<History: {size}{'; last row: ' if last else ''}{', '.join(last)}>"
 
     def _repr_html_(self) -> str:
-        """Table for notebooks: for a long run the first and last ten rows."""
         rows = [[row.get(name, "") for name in self.columns] for row in self.rows]
         if len(rows) > 21:
             rows[10:-10] = [["..."] * len(self.columns)]
@@ -326,10 +325,7 @@ class HistoryFile:
         return bool(rows) and lines[: len(rows)] == rows
 
     def _check_place(self) -> None:
-        """
-
-        OSError: the file has been removed or replaced.
-        """
+        """An OSError where the file has been removed or replaced."""
         assert self._path is not None and self._file is not None
         try:
             there = os.path.samestat(os.fstat(self._file.fileno()), os.stat(self._path))

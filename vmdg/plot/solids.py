@@ -74,7 +74,6 @@ def widen(drawn: ScalarMappable) -> None:
 
 
 def axes_of(ax: Axes | None) -> Axes:
-    """The given axes, or those of a new figure."""
     if ax is None:
         return plt.subplots(layout="constrained")[1]
     if ax.name == "3d":
@@ -174,7 +173,6 @@ def _polygons(pyvista: Any, corners: NDArray[np.float64]) -> Any:
 
 
 def _draw_axes(ax: Axes, screen: NDArray[np.float64]) -> None:
-    """Directions of x, y and z, left of the picture."""
     start = offset_copy(ax.transAxes, ax.figure, x=-30, y=8, units="points")
     for name, end in zip("xyz", ARROW * screen.T, strict=True):
         if np.linalg.norm(end) > 0.1 * ARROW:

@@ -222,7 +222,6 @@ def label_plane(ax: Axes, problem: Problem, scale: str = "") -> None:
 
 
 def extent(box: NDArray[np.float64]) -> str:
-    """The sides of a box, as text."""
     sides = np.ptp(box, axis=0)
     factor, unit = (1000, "µm") if sides.max() < SMALL else (1, "mm")
     return " \N{MULTIPLICATION SIGN} ".join(f"{factor * side:.3g}" for side in sides) + f" {unit}"
@@ -391,7 +390,6 @@ def deformed_ends(problem: Problem, magnify: float = 1.0) -> NDArray[np.float64]
 
 
 def cell_means(function: fem.Function) -> NDArray[np.float64]:
-    """Cell means, over the dofs, of a discontinuous function."""
     space = function.function_space
     shape = space.ufl_element().reference_value_shape
     return function.x.array.reshape(-1, *shape)[space.dofmap.list].mean(axis=1)

@@ -285,11 +285,8 @@ def _check_sliding(
     frame: str,
     safety: float | str,
 ) -> None:
-    """
-
-    ValueError: an interface that slides, or has gaps, is not between two bodies, or has a law, a
-        frame or gaps of another kind.
-    """
+    """Refuse an interface that slides, or has gaps, and is not between two bodies, or has a law, a
+    frame or gaps of another kind."""
     if gap not in (None, IGNORE, KEEP):
         raise ValueError(
             f'Interface: gap = {gap!r} must be "{IGNORE}" or "{KEEP}": whether the distance of '

@@ -483,10 +483,7 @@ def _apart(
 
 
 def _check_options(mesh: Mesh, interface: Interface, label: str) -> None:
-    """
-
-    ValueError: what an interface between meshes that do not match cannot have.
-    """
+    """Refuse what an interface between meshes that do not match cannot have."""
     what = f"{label}: {NONMATCHING} cannot"
     if interface.activate != "all":
         raise ValueError(f'{what} open on demand; omit activate="{interface.activate}"')
@@ -673,11 +670,8 @@ def _check_pairs(comm: MPI.Comm, pairs: PairedFacets, whole: bool) -> None:
 
 
 def _refuse_overlap(comm: MPI.Comm, surfaces: Surfaces, segments: Segments) -> None:
-    """
-
-    ValueError: bodies overlap at the start where there is no pair, or by more than the thicker one
-        is thick; collective.
-    """
+    """Refuse bodies that overlap at the start where there is no pair, or by more than the thicker
+    one is thick; collective."""
     depth, place = surfaces.overlap(segments)
     message, why = None, "where no facet faces it"
     if len(segments.away) and -segments.away.min() > surfaces.thickness:

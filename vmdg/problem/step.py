@@ -47,9 +47,6 @@ SLID = 0.5
 class Step:
     """Load steps of a problem: a step begins, is iterated on, and is committed or cancelled.
 
-    Args:
-        motion: Mass, velocity and acceleration of bodies with a density; None without.
-
     Attributes:
         discretization: For the currently open facets; replaced when facets open.
         activation: Facets of the interfaces, and which of them are open.

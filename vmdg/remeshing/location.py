@@ -50,7 +50,6 @@ class Location:
             self._parts.append((rows, owner, asks, parents[here], np.concatenate(places)))
 
     def _sent(self, arrays: list[Array]) -> list[Array]:
-        """Arrays for every rank, sent there; collective."""
         return arrays if self._comm.size == 1 else self._comm.alltoall(arrays)
 
     def values(self, field: fem.Function) -> Array:

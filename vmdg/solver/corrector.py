@@ -62,7 +62,6 @@ class Corrector:
 
     @property
     def rounding(self) -> float:
-        """Rounding error of the stored energy of the bodies [N mm]."""
         return float(np.finfo(float).eps) * self._size * self._size * self._system.norm
 
     def solve(self, limits: Limits, dt: float, last: Attempt | None) -> Attempt:
@@ -119,7 +118,6 @@ class Corrector:
         return -global_max(self._problem.comm, -float(softest))
 
     def free(self) -> None:
-        """Free the PETSc objects; collective."""
         self._system.free()
         self._snes.free()
 

@@ -169,12 +169,10 @@ class Iterate:
         return low
 
     def _excess(self, start: Direction, way: Direction, length: float) -> float:
-        """Damage work at a state, relative to its limit."""
         self.map(start.plus(way, length))
         return float(np.nan_to_num(self._work() / self.limits.work, nan=math.inf))
 
     def _work(self) -> float:
-        """The damage work in the step that is limited [N mm]."""
         return self._pieces.work(self._limited) if self._limited else self._step.bond_work()
 
     @property

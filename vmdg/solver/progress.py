@@ -74,7 +74,6 @@ class Progress:
         self._done = done
 
     def say(self, text: str) -> None:
-        """Print a line if ``options.verbose``."""
         if self._options.verbose and self._speaks:
             tqdm.write(text)
 

@@ -125,14 +125,12 @@ class Snes:
         return reason > 0, _REASONS.get(reason, str(reason))
 
     def free(self) -> None:
-        """Free the PETSc objects; collective."""
         destroy(self._snes)
         for item in (self._x, self._residual, self._matrix):
             item.destroy()
 
 
 def verdict(norms: Sequence[float], goal: float, met: bool, options: SolveOptions) -> int:
-    """PETSc's reason to end an iteration, or to continue it."""
     reasons, norm, numbers = PETSc.SNES.ConvergedReason, norms[-1], options.path
     if not np.isfinite(norm + goal):
         return SNES_REASONS["DIVERGED_FNORM_NAN"]

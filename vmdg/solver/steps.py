@@ -21,11 +21,7 @@ from .progress import Progress
 
 
 class Steps:
-    """Attempts of steps of a problem, with a corrector for the facets that are open.
-
-    Args:
-        check: Called before every attempt; may raise to end the run.
-    """
+    """Attempts of steps of a problem, with a corrector for the facets that are open."""
 
     def __init__(
         self,
@@ -81,7 +77,6 @@ class Steps:
         self._corrector = self._begin()
 
     def close(self) -> None:
-        """Free the PETSc objects; collective."""
         self._corrector.free()
 
     def attempt(self, limits: Limits, last: Attempt | None) -> Attempt:
