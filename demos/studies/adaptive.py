@@ -83,14 +83,14 @@ def line(scene: Scene, runs: list[Ran]) -> list[object]:
     return [*cells, f"{100 * peak:+.2f} %", f"{100 * curve:.2f} %"]
 
 
-def main(names: list[str] = (), out: str = "results/adaptive") -> list[list[object]]:  # type: ignore[assignment]
+def main(names: list[str] | None = None, out: str = "results/adaptive") -> list[list[object]]:
     """Run the scenes in both ways; the lines of the table.
 
     Args:
         names: Scenes, all without one.
         out: Folder for table and picture.
     """
-    if unknown := set(names) - set(SCENES):
+    if unknown := set(names or ()) - set(SCENES):
         raise ValueError(f"adaptive: {unknown.pop()!r} must be one of {', '.join(SCENES)}")
     chosen = {name: SCENES[name] for name in names or SCENES}
     figure, axes = plt.subplots(1, len(chosen), figsize=(1 + 3.2 * len(chosen), 3), squeeze=False)

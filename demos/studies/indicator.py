@@ -126,14 +126,14 @@ def measure(name: str, ax: plt.Axes) -> list[list[object]]:
     return lines
 
 
-def main(names: list[str] = (), out: str = "results/indicator") -> list[list[object]]:  # type: ignore[assignment]
+def main(names: list[str] | None = None, out: str = "results/indicator") -> list[list[object]]:
     """Measure the scenes; the lines of the table.
 
     Args:
         names: Of scenes, all without one.
         out: Folder for table and picture.
     """
-    names = list(names) or list(SCENES)
+    names = names or list(SCENES)
     figure, axes = plt.subplots(len(names), 1, figsize=(6, 3.2 * len(names)), squeeze=False)
     lines = [line for name, ax in zip(names, axes.flat, strict=True) for line in measure(name, ax)]
     head = ["scene", "size [mm]", "error", "estimate", "error/estimate", "bond"]
