@@ -86,6 +86,9 @@ COMMANDS = {
     "pushout_solid": ("pushout --solid --refine 0.7", "pushout.png=pushout_solid.png"),
     "tearing": ("tearing", "tearing_neo-hookean.png"),
     "tearing_ogden": ("tearing --material ogden", "tearing_ogden.png"),
+    "tearing_sheet": ("tearing_sheet", "tearing_sheet.png"),
+    "adaptive": ("adaptive dcb", "adaptive.png"),
+    "indicator": ("indicator DCB", "indicator.png"),
     "verification": ("verification", "verification.png verification.md"),
     "delamination": (
         "delamination",

@@ -342,6 +342,14 @@ def tearing(demo, found):
     assert not over_budget("tearing", found)
 
 
+@run(long)
+def tearing_sheet(demo, found):
+    """The bond breaks on small meshes, and energies balance over all of them."""
+    assert found["broken"][-1] > found["broken"][0] + 0.3
+    assert found["unknowns"].max() < 20_000 and len(set(found["unknowns"])) > 3
+    assert abs(found["imbalance"]).max() < 1e-3 * found["external"][-1]
+
+
 # Tutorials
 
 

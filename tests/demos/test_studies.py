@@ -6,10 +6,12 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
+import adaptive
 import benchmark
 import convergence
 import delamination
 import in_time
+import indicator
 import interfaces
 import motions
 import numpy as np
@@ -332,3 +334,24 @@ def test_verification(out):
         assert check.error < CLOSED_FORMS[case], check
     assert checks["Lame shrink fit", "mean pressure [MPa]"].error < 5e-5
     assert checks["partial slip", "slip [mm]"].error < 1e-2
+
+
+@long
+def test_estimated_errors(out):
+    """True over estimated error within a factor of two, on four meshes of the ring."""
+    lines = indicator.main(["ring"], out=str(out))
+    assert len(lines) == 4
+    for line in lines:
+        assert 0.5 < float(line[4]) < 2
+
+
+@long
+def test_meshes_that_follow_a_crack(out):
+    """A beam on meshes that follow its crack: peak and curve of a fixed mesh, with fewer
+    unknowns."""
+    scene = adaptive.SCENES["dcb"]()
+    scene = replace(scene, loads=scene.loads[:16], path=(25.0, 50.0))
+    runs = [adaptive.follow(scene), adaptive.stay(scene)]
+    peak, curve = adaptive.differences(*runs)
+    assert abs(peak) < 3e-3 and curve < 0.01
+    assert runs[0].unknowns < 0.7 * runs[1].unknowns
