@@ -74,9 +74,9 @@ def modes(problem):
     return gather(problem.comm, update.mode)
 
 
-def tangent_matrix(problem: vmdg.Problem, damage: bool = True) -> PETSc.Mat:
+def tangent_matrix(problem: vmdg.Problem, damage: bool = True, dt: float = 1.0) -> PETSc.Mat:
     """The assembled tangent at the current displacement."""
-    problem.step.assemble_residual()
+    problem.step.assemble_residual(dt)
     matrix = problem.discretization.create_matrix()
     problem.discretization.assemble_tangent(matrix, damage)
     return matrix
@@ -103,7 +103,9 @@ def tangent_error(problem: vmdg.Problem, matrix: PETSc.Mat | None = None) -> flo
     return product_error(problem, lambda v: multiply(matrix, v))
 
 
-def product_error(problem: vmdg.Problem, product: Callable[[NDArray], NDArray]) -> float:
+def product_error(
+    problem: vmdg.Problem, product: Callable[[NDArray], NDArray], dt: float = 1.0
+) -> float:
     """The same of products K.v of owned entries."""
     u = problem.u.x.array
     start = u.copy()
@@ -111,7 +113,7 @@ def product_error(problem: vmdg.Problem, product: Callable[[NDArray], NDArray]) 
 
     def residual_at(step, v):
         u[:] = start + step * v
-        return problem.step.assemble_residual().copy()
+        return problem.step.assemble_residual(dt).copy()
 
     along = list(directions(problem))
     # A product is that of the current state.
@@ -123,7 +125,7 @@ def product_error(problem: vmdg.Problem, product: Callable[[NDArray], NDArray]) 
         error = global_norm(problem.comm, predicted - difference)
         worst = max(worst, error / global_norm(problem.comm, difference))
     u[:] = start
-    problem.step.assemble_residual()
+    problem.step.assemble_residual(dt)
     return worst
 
 

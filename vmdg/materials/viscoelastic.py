@@ -35,7 +35,7 @@ class Relaxed(NamedTuple):
     """Maxwell elements at the end of a step.
 
     Attributes:
-        stress: Sum of their stresses and that of the spring beside them (n, k) [MPa].
+        stress: Sum of their stresses and that of the spring next to them (n, k) [MPa].
         modulus: Its derivative by the strain, a number for every point or for all (n,), (1,) [MPa].
         elastic: Strain of their springs (n, m, k).
         stored: Energy of all springs (n,) [MPa].
