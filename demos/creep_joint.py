@@ -1,9 +1,9 @@
 """A strap glued to a plate, both of a polymer that creeps, carries a force until it is off.
 
 Half of a double-lap joint in plane strain, cracked at the end where the strap is pulled. Under a
-force F between that at which the glue fails at once and that which it carries indefinitely, the energy
-release rate grows with the compliance of the polymer. The crack starts late, and creeps along the
-joint: material that it passes is loaded quickly, and answers stiffly at first.
+force between that at which the glue fails at once and that which it carries indefinitely, the
+energy release rate grows with the compliance of the polymer. The crack starts late, and creeps
+along the joint: material that it passes is loaded quickly, and answers stiffly at first.
 """
 
 from __future__ import annotations
