@@ -63,6 +63,7 @@ COMMANDS = {
     "fault": ("fault", "fault.png fault.gif"),
     "impact": ("impact", "impact.png impact.gif"),
     "in_time": ("in_time", "in_time.png in_time.md"),
+    "creep_joint": ("creep_joint", "creep_joint.png"),
     "ductile_grains": ("ductile_grains", "ductile_grains.png"),
     "plastic_peel": ("plastic_peel", "plastic_peel.png"),
     "plasticity": ("plasticity", "plasticity.png plasticity.md"),

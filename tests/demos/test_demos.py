@@ -46,6 +46,21 @@ def lap_joint(demo, found):
     assert 0.1 < found["off"][-1] < 0.6
 
 
+@run(long, shares=(0.9,))
+def creep_joint(demo, found):
+    """The crack waits until the compliance has grown by (F_c/F)^2, and then creeps along the joint,
+    ever faster; the energies balance."""
+    (history,) = found.values()
+    time, crack, external = given(history, "time", "crack", "external")
+    hours = np.linspace(0.0, 10.0, 1001)
+    left = 1 - sum(share * (1 - np.exp(-hours * demo.HOUR / tau)) for share, tau in demo.SERIES)
+    starts = np.interp(1 / 0.9**2, 1 / left, hours)
+    assert np.interp(starts / 2, time, crack) - crack[0] < 0.5
+    assert np.interp(2 * starts, time, crack) - crack[0] > 1.0
+    assert crack[-1] > 40 and np.interp(30.0, crack, time) > 5 * starts
+    assert np.abs(history["imbalance"]).max() < 5e-3 * external.max()
+
+
 @run(long, layers=15, steps=4, end=0.8)
 def push_through(demo, found):
     """The largest force is that of one mesh; friction, 105.5 N of points that keep their partners,

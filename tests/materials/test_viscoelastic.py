@@ -399,6 +399,61 @@ def test_periodic_cell(comm, kinematics):
         assert mean == pytest.approx(answer.stress[0, :2, :2], rel=1e-9)
 
 
+def test_motion_in_time(comm):
+    """A bar that vibrates and calms down: implicit and explicit steps find the same motion, and the
+    energies add up to that of the start."""
+    ends, rho = [], 1e-9
+    for scheme, steps in ((vmdg.GeneralizedAlpha(1.0), 100), (vmdg.CentralDifferences(), 200)):
+        scene, given = two_blocks(comm, "quadrilateral"), {"degree": 2, "density": {1: rho, 2: rho}}
+        span = 4 * 2.0 / np.sqrt(E / rho)
+        body = vmdg.Viscoelastic(E, NU, [(0.5, 0.1 * span)])
+        problem = joined(scene, vmdg.Bonded(), (body, body), kinematics="small", **given)
+        problem.dirichlet(scene.facet_tags.find(1), 0.0)
+        start = lambda x: np.array([1e3 * np.sin(np.pi * x[0] / 4), 0 * x[0]])  # noqa: E731
+        options = vmdg.SolveOptions(energy=True)
+        times = np.linspace(0, span, steps + 1)[1:]
+        right = lambda p: {"u": p.comm.allreduce(p.u.x.array.max(initial=0.0), MPI.MAX)}  # noqa: E731
+        h = vmdg.solve_dynamics(problem, times, scheme, start, right, options).history
+        whole = h["kinetic"] + h["bulk"] + h["plastic"] + h["interface"]
+        assert whole == pytest.approx(h["external"], rel=5e-3)
+        assert h["plastic"][-1] > 0.3 * h["external"][-1]
+        ends.append(h["u"][steps // 100 - 1 :: steps // 100])
+    assert np.abs(ends[0] - ends[1]).max() < 0.02 * np.abs(ends[0]).max()
+
+
+def test_other_mesh(comm):
+    """A bar that relaxes on one mesh goes on relaxing on another."""
+    forces, problems = [], []
+    for n in (1, 3):
+        scene = two_blocks(comm, "quadrilateral", n=n)
+        problem = joined(scene, vmdg.Debonding(500.0, 0.1), (BODY, ALIKE), degree=2)
+        problem.dirichlet(scene.facet_tags.find(1), 0.0, "x")
+        problem.dirichlet(scene.facet_tags.find(2), 0.06, "x")
+        for side in (0.0, 1.0):
+            problem.dirichlet(lambda x, side=side: np.isclose(x[1], side), 0.0, "y")
+        problems.append((problem, scene.facet_tags.find(2)))
+    (old, end), (new, other) = problems
+    options = vmdg.SolveOptions(duration=1.0, relative_tolerance=1e-12)
+    vmdg.solve(old, [0.0, 0.2], options)
+    found = vmdg.transfer(old, new)
+    assert new.reaction(other)[0] == pytest.approx(old.reaction(end)[0], rel=1e-9)
+    assert found.after.plastic == pytest.approx(found.before.plastic, rel=1e-9)
+    for problem, facets in problems:
+        vmdg.solve(problem, [0.7], options)
+        forces.append(problem.reaction(facets)[0])
+    assert forces[1] == pytest.approx(forces[0], rel=1e-9)
+
+
+def test_derivatives_are_refused(comm):
+    with pytest.raises(ValueError, match="history of its own"):
+        scene = two_blocks(comm, "quadrilateral")
+        problem = joined(scene, vmdg.Debonding(20.0, 0.1), (BODY, BODY))
+        problem.dirichlet(scene.facet_tags.find(1), 0.0)
+        problem.dirichlet(scene.facet_tags.find(2), lambda t: (0.05 * t, 0.0))
+        options, names = vmdg.SolveOptions(duration=1.0), ["interface 0: strength"]
+        vmdg.solve(problem, [1.0], options, derivatives=names)
+
+
 def test_duration_is_needed(comm):
     """Or an error says so, before the first step."""
     with pytest.raises(ValueError, match=r"Viscoelastic \(tag 1\) depends on time.*duration=1.0"):
