@@ -54,7 +54,8 @@ def joint(force: float, facet: float) -> vmdg.Problem:
 
 
 def main(
-    shares: tuple[float, ...] = (0.95, 0.9, 0.85),
+    largest: float = 0.95,
+    runs: int = 3,
     facet: float = 1.25,
     steps: int = 40,
     out: str = "results/creep_joint",
@@ -65,7 +66,7 @@ def main(
     )
     times, found = np.geomspace(RAMP, 300.0, steps), {}
     shown = {"energy": True, "progress": True, "show": ("crack",)}
-    for share in shares:
+    for share in (round(largest - 0.05 * n, 4) for n in range(runs)):
         problem = joint(share * critical_force(), facet)
         crack = vmdg.CrackGrowth(problem, 0)
         found[share] = history = vmdg.solve(
@@ -89,6 +90,9 @@ if __name__ == "__main__":
     command = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
+    share = "largest force over that at which the glue fails at once [-]"
+    command.add_argument("--largest", type=float, default=0.95, help=share)
+    command.add_argument("--runs", type=int, default=3, help="forces, each smaller by 0.05")
     command.add_argument("--facet", type=float, default=1.25, help="length of facets [mm]")
     command.add_argument("--steps", type=int, default=40, help="steps of time")
     command.add_argument("--out", default="results/creep_joint", help="folder for the results")

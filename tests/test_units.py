@@ -281,7 +281,7 @@ def test_run_goes_on_in_any_unit(comm, out):
         assert not check_model(problem, np.array([1.0]))
         problem.step.begin(1.0, 1.0)
         move(problem, tagged, units.L, 1.0)
-        problem.step.assemble_residual()
+        problem.step.assemble_residual(1.0)
         problem.step.commit()
         rows.append(np.array(list(crack().values())) / (units.L * np.array([1, 1, *[units.S] * 3])))
         vmdg.write_checkpoint(problem, out / name)

@@ -46,7 +46,7 @@ def lap_joint(demo, found):
     assert 0.1 < found["off"][-1] < 0.6
 
 
-@run(long, shares=(0.9,))
+@run(long, largest=0.9, runs=1)
 def creep_joint(demo, found):
     """The crack waits until the compliance has grown by (F_c/F)^2, and then creeps along the joint,
     ever faster; the energies balance."""

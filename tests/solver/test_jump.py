@@ -27,7 +27,7 @@ def test_snap_back(comm, critical_gap, kinematics):
     over the steps of the jump: to 3e-3 of the work.
     """
     problem = bar.build(comm, critical_gap, kinematics)
-    options = vmdg.SolveOptions(energy=True)
+    options = vmdg.SolveOptions(energy=True, relative_tolerance=1e-9)
     result = vmdg.solve(problem, LOADS, options, bar.means)
     history, onset = result.history, 2 * (bar.stretch(STRENGTH, kinematics) - 1)
     (jumped,) = np.flatnonzero(history["jump_steps"])

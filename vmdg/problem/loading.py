@@ -55,6 +55,14 @@ class Ray:
         sizes = [np.abs(pair).max(initial=0.0) for pair in self.ends.values()]
         return bool((np.array(off) <= STRAIGHT * np.array(sizes)).all())
 
+    def turns(self, t: float) -> Array:
+        """Of every load the changes a from ``t`` to the start and b from there to the end: a.b, a.a
+        and b.b on this rank (n, 3)."""
+        ways = [(first - load.values(t), last - first) for load, (first, last) in self.ends.items()]
+        return np.array(
+            [(a @ b, a @ a, b @ b) for a, b in ((a.ravel(), b.ravel()) for a, b in ways)]
+        )
+
     def is_straight(self) -> bool:
         length = self.end - self.start
         # All of them: ranks that stopped at the first one would call users' functions less often.
@@ -260,6 +268,13 @@ class Loading:
         """Whether the current ray reproduces the given loads at ``t``; collective."""
         comm = self._mesh.comm
         return not global_any(comm, not together(comm, lambda: self.ray.reproduces(t)))
+
+    def comes_back(self, t: float) -> bool:
+        """Whether a load that changed from ``t`` to the start of the ray goes back along it;
+        collective."""
+        comm = self._mesh.comm
+        ab, aa, bb = global_sum(comm, together(comm, lambda: self.ray.turns(t))).T
+        return bool((ab < -STRAIGHT * np.sqrt(aa * bb)).any())
 
     def clear_ray(self) -> None:
         self.ray, self._vector = None, None

@@ -219,6 +219,7 @@ class _Newton:
         """Correction for a residual of -forces that ends at a limit; collective."""
         iterate, limits, parameter = self._iterate, self._iterate.limits, self._iterate.parameter
         now, away, self._ends_at_target = iterate.reach(), self._loading.away(self._problem.t), True
+        iterate.note_branches()
         left = limits.target - now.t if parameter.moves else 0.0
         alone = limits.by_load_alone or not parameter.moves
         self._rate = rate = parameter.rate(iterate.moved()) if left or not alone else None
@@ -288,10 +289,12 @@ class _Newton:
             return reason
         self._rtol = linear_tolerance(self._norms, goal)
         # Reusing the last tangent multiplies the residual by about twice the ratio of the last two,
-        # since convergence is quadratic; it is reused if that ends far below the goal.
+        # since convergence is quadratic; it is reused if that ends far below the goal, and if the
+        # tangent is that of the branches that points are on now.
         first = self._norms[-2] if len(self._norms) > 1 else self._balanced
         surely = self._numbers.missed * goal
-        self._system.lags = goal < norm and 2 * norm * norm <= surely * first
+        lags = goal < norm and 2 * norm * norm <= surely * first
+        self._system.lags = lags and not self._iterate.branched(self._numbers.missed)
         return reason
 
     def _goal_of(self, scales: RunScales) -> float:

@@ -70,6 +70,9 @@ class Iterate:
             for active in pieces.interfaces
         ]
         self._mapped: Direction | None = None  # state of the last return map
+        active = self._discretization.active.values()
+        self._branching = [one for one in active if one.law.inelastic]
+        self._noted: list[Array] = []  # their C in the last correction
 
     # Moves
 
@@ -238,6 +241,20 @@ class Iterate:
                 bodies.take(bodies.state)
         thickness = float(discretization.geometry.thickness)
         return thickness * work, thickness * size_of_rate
+
+    def note_branches(self) -> None:
+        """Note on which branches of their return maps points are."""
+        self._noted = [active.values.compliance for active in self._branching]
+
+    def branched(self, missed: float) -> bool:
+        """Whether points have changed their branch since: r C of one by more than ``missed``."""
+        changes = False
+        for active, last in zip(self._branching, self._noted, strict=True):
+            C, r = active.values.compliance, active.stabilization.norm[active.quadrature.facet]
+            # Surfaces that slide may meet at other points.
+            same = C.shape == last.shape
+            changes |= not same or bool((np.abs(C - last) * r[:, None, None] > missed).any())
+        return global_any(self._comm, changes)
 
     def forces(self) -> Array:
         """Residual on owned dofs, without reactions of supports and rigid faces [N]."""

@@ -182,14 +182,16 @@ class Path:
         # Loads may reverse while the load factor increases. Damaged bonds then unload without
         # damage work, so the stage starts under load control.
         way, sense, scales = target - start, math.copysign(1.0, target - start), step.scales
-        turned = scales.sense * sense < 0
+        turned = unloads = scales.sense * sense < 0
         if follows and scales.sense != 0 and not turned:
-            turned = not loading.as_given(start - self._numbers.small * way)
+            before = start - self._numbers.small * way
+            turned = not loading.as_given(before)
+            unloads = turned and loading.comes_back(before)
         if turned:
             self._size, scales = Size(), replace(scales, breaking=False)
         step.scales = replace(scales, sense=sense, work=min(scales.work, most or math.inf))
         traces = options.unstable == "trace" or options.control == "load" or most == 0
-        return Stage(start, target, follows, traces, most, follows and turned)
+        return Stage(start, target, follows, traces, most, follows and unloads)
 
     # One step
 
