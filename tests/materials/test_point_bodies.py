@@ -169,7 +169,7 @@ def test_ranks(comm, kinematics, law):
         problem, end = pulled(ranks, kinematics, law)
         forces = []
         for load in np.linspace(0.0, 0.06, 7)[1:]:
-            vmdg.solve(problem, [load])
+            vmdg.solve(problem, [load], vmdg.SolveOptions(relative_tolerance=1e-11))
             forces.append(problem.reaction(end))
         state = problem.body_state(2)
         flown = ranks.allreduce(float(state.weights @ state.history["alpha"]))
