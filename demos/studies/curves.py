@@ -51,7 +51,7 @@ GRIDS = {
 BEAMS = ((1, 0.5), (1, 0.25), (1, 0.125), (2, 1.0), (2, 0.5), (2, 0.25))
 PUSHOUTS = ((1, 0.5), (1, 1.0), (1, 2.0))
 FIBRES = ((1, 0.1), (1, 0.05), (1, 0.025))
-FINEST = {"beam": (2, 0.0625), "push-out": (1, 3.0), "fibre": (1, 0.0125)}
+FINEST = {"beam": (2, 0.125), "push-out": (1, 3.0), "fibre": (1, 0.0125)}
 STIFFNESS, SHARE = 1e5, 0.005  # MPa/mm, -
 
 Curve = tuple[NDArray[np.float64], NDArray[np.float64]]

@@ -234,6 +234,7 @@ def test_debonds_and_slides():
         pytest.param("tetrahedron", (HARD, SOFT), marks=pytest.mark.long),
     ],
 )
+@pytest.mark.filterwarnings("ignore:.*process zone:vmdg.ModelWarning")
 def test_results_of_a_bond_that_has_parted(comm, cell, bodies):
     """Bodies part, move over other facets and off the edge, and come back: what was bonded counts
     as broken, once, and its opening is the distance."""
@@ -467,6 +468,7 @@ def test_a_large_penalty_does_not_stay(law):
 @pytest.mark.parametrize(
     "cell", ["quadrilateral", pytest.param("tetrahedron", marks=pytest.mark.long)]
 )
+@pytest.mark.filterwarnings("ignore:.*process zone:vmdg.ModelWarning")
 def test_checkpoint(comm, cell, tmp_path_factory):
     """A run goes on while its bond holds, breaks and has broken, on as many ranks or on one."""
     d, folder = DIMENSION[cell], Path(comm.bcast(str(tmp_path_factory.mktemp("state"))))
