@@ -361,8 +361,7 @@ class Path:
         return "UNSTABLE" if strays and not (loose or self._lost) else ""
 
     def _retreats(self, before: Snapshot) -> bool:
-        """Whether nothing was spent in a step back from a state in which bonds were breaking: they
-        unload, which is an equilibrium too."""
+        """Whether bonds that were breaking unload instead, in a step that spends nothing."""
         last, now = self._size.last, self._problem.step.snapshot()
         if last is None or last.work == 0:
             return False
