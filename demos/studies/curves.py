@@ -5,13 +5,12 @@ vmdg and with a penalty law of K = 1e5 MPa/mm on the same meshes, bodies, and di
 push-out of section 7.4 in section and the bond around the fibre of section 7.2 on several meshes.
 Seconds are processor time of a warm run on one core, all runs in turns in one process. Errors are
 those of the force relative to its peak, against the finest mesh of ``REFERENCES`` with steps that
-break at most 0.5 % of the bonds; ``--reference`` makes them again (half an hour).
+break at most 0.5 % of the bonds; ``--reference`` makes them again (some minutes).
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,15 +27,12 @@ from parts.benchmark.penalty import Penalty
 from parts.delamination.beams import open_beam
 from parts.delamination.laminate import ALFANO_CRISFIELD
 from parts.options import run
+from parts.scenes import fibre_matrix, pushout
 from parts.tables import markdown, progress, report
 
 import vmdg
 from vmdg import meshes
 from vmdg.meshes.beams import UPPER_LEFT
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import fibre_matrix
-import pushout
 
 REFERENCES = Path(__file__).parent / "parts" / "benchmark" / "curves.json"
 CRACK, LENGTH, FINE, END = 30.0, 100.0, 59.0, 6.0  # of the beam, mm

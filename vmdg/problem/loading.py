@@ -58,10 +58,11 @@ class Ray:
     def turns(self, t: float) -> Array:
         """Of every load the changes a from ``t`` to the start and b from there to the end: a.b, a.a
         and b.b on this rank (n, 3)."""
-        ways = [(first - load.values(t), last - first) for load, (first, last) in self.ends.items()]
-        return np.array(
-            [(a @ b, a @ a, b @ b) for a, b in ((a.ravel(), b.ravel()) for a, b in ways)]
-        )
+        found = []
+        for load, (first, last) in self.ends.items():
+            a, b = (first - load.values(t)).ravel(), (last - first).ravel()
+            found.append((a @ b, a @ a, b @ b))
+        return np.array(found)
 
     def is_straight(self) -> bool:
         length = self.end - self.start
