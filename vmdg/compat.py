@@ -223,15 +223,6 @@ def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
     return points() if callable(points) else points
 
 
-def timing(name: str) -> tuple[int, float]:
-    """How often a timer has run on this rank, and for how long [s]; zeros where it never has."""
-    try:
-        runs, elapsed, *_ = dolfinx.common.timing(name)
-    except RuntimeError:
-        return 0, 0.0
-    return runs, elapsed if isinstance(elapsed, float) else elapsed.total_seconds()
-
-
 def facet_ghost_partitioner(graph_partitioner: Any) -> Any:
     given = (graph_partitioner, GhostMode.shared_facet)
     return create_cell_partitioner(*given, 2) if _NEW else create_cell_partitioner(*given)
