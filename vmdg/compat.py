@@ -39,9 +39,6 @@ SNES_REASONS = {
     if isinstance(value, int) and name.isupper()
 }
 
-#: Line searches accept corrections of any size: PETSc before 3.24 limits their norm to 1e8.
-UNBOUNDED_SEARCH = {"maxstep": np.finfo(float).max} if PETSc.Sys.getVersion() < (3, 24) else {}
-
 
 def _show_warnings() -> None:
     """Return warnings to Python: FFCx 0.9 redirects them to a log, which is invisible unless
