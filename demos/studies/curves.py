@@ -2,7 +2,8 @@
 
 The double cantilever beam of Alfano and Crisfield, opened by 6 mm, on facets of several sizes with
 vmdg and with a penalty law of K = 1e5 MPa/mm on the same meshes, bodies, and direct solver, and
-once more with 30 given load factors, which vmdg meets exactly; the push-out of section 7.4 in section and the bond around the fibre of section 7.2 on several meshes.
+once more with 30 given load factors, which vmdg meets exactly; the push-out of section 7.4 in
+section and the bond around the fibre of section 7.2 on several meshes.
 Seconds are processor time of a warm run on one core, all runs in turns in one process. Errors are
 those of the force relative to its peak, against the finest mesh of ``REFERENCES`` with steps that
 break at most 0.5 % of the bonds; ``--reference`` makes them again (some minutes).
