@@ -78,6 +78,8 @@ class Peaks:
         self._largest = max(self._largest, end.force)
         if found.passed - self._largest > small * found.passed:
             look = self._look(before, replace(limits, kinks=True), last, most)
+            if look and look.place.force - self._largest <= small * self._largest:
+                look = None  # Of the iteration, not of the path.
         elif len(self._last) == 2:
             look = self._smooth(before, limits, last, found, end, most)
         if look is not None:
