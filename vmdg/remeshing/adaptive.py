@@ -130,8 +130,10 @@ def solve_adaptively(
     The front of a crack is the points of bonds that soften, or carry half of their strength. When
     a front has moved by 0.7 of the window, the mesh is made again around it, coarse in the wake of
     the crack, and the state is carried there by :func:`transfer`. A row in which a front has left
-    the window is not kept: it is computed again on the new mesh. So the first rows may be on a
-    coarse mesh; it must resolve the stress that starts a crack to within a factor of two.
+    the window is not kept: it is computed again on the new mesh. The first mesh, without a window,
+    only tells where cracks start: when it does, the run begins again, since on small cells bonds
+    soften sooner. Where a further crack starts far from the others, cells must resolve the stress
+    to within a factor of two.
 
     Args:
         make_problem: Makes the problem, with supports and loads, on a mesh whose cells have the
@@ -202,18 +204,20 @@ def _follow(
         problem, step, first = run.problem, run.problem.step, len(run.history)
         # The last row within the window.
         kept, said = [Kept(step.snapshot(), step.scales, first, reached, 0, False)], []
+        started = len(around.fronts) > 0
 
         def watch(problem: Problem) -> dict[str, float]:
             return dict(monitor(problem) if monitor else {}) | {"unknowns [-]": _unknowns(problem)}
 
-        def leaves(problem: Problem, kept=kept, said=said, around=around) -> bool:
+        def leaves(problem: Problem, kept=kept, said=said, around=around, shown=started) -> bool:
             farthest = _farthest(problem, around)
             if farthest <= radius:
                 done = kept[0].loads
                 done += problem.t == loads[done]
                 here = problem.step.snapshot(), problem.step.scales
                 ended = done == len(loads) or ends(problem, until)
-                kept[0] = Kept(*here, len(run.history), done, len(said), ended)
+                warned = len(said) if shown or ended else 0
+                kept[0] = Kept(*here, len(run.history), done, warned, ended)
             return kept[0].ended or farthest > MOVES * radius
 
         with _held_back(said, kept):
@@ -223,8 +227,10 @@ def _follow(
         if kept[0].ended:
             _save(run, around, folder)
             return
-        around = _window(problem, around)
         state, step.scales, count, reached = kept[0][:4]
+        if not started:
+            count, reached = 0, 0
+        around = _window(problem, around)
         del run.history.rows[count:]
         step.return_to(state)
         again = again + 1 if count == first else 0
@@ -234,7 +240,7 @@ def _follow(
                 f"from load factor {state.t:.6g} on; use a larger window or smaller load steps"
             )
         run.problem = _made(make_problem, around, most_unknowns)
-        if run.history.rows:
+        if started and run.history.rows:
             run.transfers.append(transfer(problem, run.problem))
             _save(run, around, folder)
 
