@@ -65,10 +65,10 @@ GMRES = {
 GMRES_LU = {**LU, **GMRES, "ksp_type": "fgmres"}
 GMRES_LDLT = {**LDLT, **GMRES, "ksp_type": "fgmres"}
 
-#: Smoothed aggregation from the rigid-body modes. Polynomial mores, which only multiply by the
+#: Smoothed aggregation from the rigid-body modes. Polynomial smoothers, which only multiply by the
 #: tangent in nodal blocks, take half the time of sweeps and do not depend on the number of ranks.
 #: The interpolation is reused, see :meth:`LinearSolver.coarsen`. The coarsest matrix is as large as
-#: can be factorized cheaply, since mores on coarse levels diverge for negative eigenvalues.
+#: can be factorized cheaply, since smoothers on coarse levels diverge for negative eigenvalues.
 GAMG = {
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.01,
@@ -484,7 +484,7 @@ def set_options(item: PETSc.KSP | PETSc.SNES, options: Petsc) -> None:
     """Configure a PETSc object by options without prefix.
 
     They stay in PETSc's database under a prefix of the object, since parts created later, such as
-    factors or mores, read them on first use. :func:`destroy` removes them.
+    factors or smoothers, read them on first use. :func:`destroy` removes them.
     """
     prefix = f"vmdg_{next(_numbers)}_"
     database = PETSc.Options(prefix)

@@ -174,7 +174,8 @@ class SolveOptions:
             determines the step size.
         petsc: Options for SNES, KSP and PC, without prefix. Default: where the load is
             constant, corrections as long as the residual does work along them, otherwise whole
-            ones, and the linear solver of :func:`vmdg.linear.ksp.automatic_options`. Unused options cause a warning.
+            ones, and the linear solver of :func:`vmdg.linear.ksp.automatic_options`. Unused options
+            cause a warning.
         petsc_options: DOLFINx's name for ``petsc``.
         path: Parameters of path following, see :class:`PathOptions`.
         energy: Add the energies of every step to the history. At finite strain the external work
