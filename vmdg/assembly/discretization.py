@@ -429,7 +429,7 @@ class Discretization:
         Args:
             damage: False fixes zeta: the damage part of (84) is omitted.
             failing: False omits interfaces that can fail: only ties connect the bodies.
-            bodies: What :meth:`assemble_bodies` gave, if it still holds.
+            bodies: What :func:`assemble_bodies` gave, if it still holds.
         """
         with timer("tangent at points"):
             parts = []
@@ -472,22 +472,6 @@ class Discretization:
         fields = (self.u, *self.bodies.fields)
         return constants, [one for one in energy.coefficients() if one not in fields]
 
-    def moduli(self) -> int | None:
-        """A number that changes with the tangent of linear bodies on this rank; None where bodies
-        are not linear."""
-        if not self.bodies.linear:
-            return None
-        constants, functions = self._moduli
-        found = [one.value for one in constants] + [one.x.array for one in functions]
-        return crc32(b"".join(map(bytes, found)))
-
-    def assemble_bodies(self, matrix: PETSc.Mat) -> None:
-        """The bodies' tangent alone, in a matrix that has been assembled before; collective."""
-        with timer("assemble tangent"):
-            matrix.zeroEntries()
-            self._add_bodies(matrix)
-            matrix.assemble()
-
     def stored_energy(self, anew: bool = False) -> NDArray[np.float64]:
         """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm];
         ``anew`` if eigenstrains have changed since the last residual."""
@@ -521,6 +505,24 @@ class Discretization:
         for i, active in self.active.items():
             if i in other.active:
                 active.continue_from(other.active[i])
+
+
+def moduli_of(discretization: Discretization) -> int | None:
+    """A number that changes with the tangent of linear bodies on this rank; None where bodies are
+    not linear."""
+    if not discretization.bodies.linear:
+        return None
+    constants, functions = discretization._moduli
+    found = [one.value for one in constants] + [one.x.array for one in functions]
+    return crc32(b"".join(map(bytes, found)))
+
+
+def assemble_bodies(discretization: Discretization, matrix: PETSc.Mat) -> None:
+    """The bodies' tangent alone, in a matrix that has been assembled before; collective."""
+    with timer("assemble tangent"):
+        matrix.zeroEntries()
+        discretization._add_bodies(matrix)
+        matrix.assemble()
 
 
 def split(discretization: Discretization, cells: NDArray[np.bool_]) -> Split:

@@ -9,6 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from ..assembly.discretization import assemble_bodies, moduli_of
 from ..assembly.means import lattice_of
 from ..base.arrays import power_of_two
 from ..base.parallel import global_any, global_norm, global_sum
@@ -205,11 +206,11 @@ class System:
     def _linear_bodies(self) -> PETSc.Mat | None:
         """The tangent of linear bodies, which a first one has to precede; None for others;
         collective."""
-        moduli = self._discretization.moduli()
+        moduli = moduli_of(self._discretization)
         if self._tangent is None or global_any(self._comm, moduli is None):
             return None
         if global_any(self._comm, self._bodies is None or moduli != self._moduli):
-            self._discretization.assemble_bodies(self._matrix)
+            assemble_bodies(self._discretization, self._matrix)
             if self._bodies is None:
                 self._bodies = self._matrix.duplicate(copy=True)
             else:

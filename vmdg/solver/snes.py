@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_any, global_max, global_sum
+from ..base.parallel import global_any, global_max, global_norm, global_sum
 from ..compat import SNES_REASONS
 from ..linear.ksp import destroy, set_options, warn_of_unused
 from ..problem.problem import Problem
@@ -22,7 +22,7 @@ from .options import SolveOptions
 
 Array = NDArray[np.float64]
 
-#: PETSc's own line searches, of which the default is none: corrections are shortened before.
+#: PETSc's own line search. By default it makes the correction, which has been shortened before.
 SEARCH = "snes_linesearch_type"
 
 #: Work of the residual along a correction at its end, relative to that at its start, that ends a
@@ -86,7 +86,8 @@ class Snes:
 
         def at(x: Array) -> Array:
             if global_any(self._comm, not last or not np.array_equal(x, last[0])):
-                last[:] = x.copy(), equations.residual(x)
+                finite = np.isfinite(global_norm(self._comm, x))
+                last[:] = x.copy(), equations.residual(x) if finite else np.full_like(x, np.nan)
             return last[1]
 
         def residual(_: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
@@ -95,7 +96,8 @@ class Snes:
         def shorten(x: PETSc.Vec, y: PETSc.Vec) -> bool:
             start, way = x.array_r.copy(), -y.array_r
             length, searches = equations.longest(start, way)
-            if searches and SEARCH not in self._own:
+            searches &= SEARCH not in self._own
+            if searches and np.isfinite(global_norm(self._comm, way)):
                 length = self._searched(at, start, length * way) * length
             y.scale(length)
             return length < 1.0
