@@ -130,17 +130,19 @@ class Snes:
 
         first, low, high, length = work(0.0), 0.0, 1.0, 1.0
         below, above = first, work(length)
-        if not first < 0 or not above > SLACK * -first:
+        if np.isfinite(above) and (first >= 0 or above <= SLACK * -first):
             return length
         for i in range(self._most):
-            # By halves and by the secant, in turn.
-            length = (low + high) / 2 if i % 2 else low - (high - low) * below / (above - below)
+            # By the secant and by halves, in turn; by halves from where nothing is finite.
+            share = 0.5 if i % 2 or not np.isfinite(above) else below / (below - above)
+            length = low + share * (high - low)
             found = work(length)
-            if abs(found) <= SLACK * -first:
+            if np.isfinite(found) and (first >= 0 or abs(found) <= SLACK * -first):
                 break
-            low, below, high, above = (
-                (length, found, high, above) if found < 0 else (low, below, length, found)
-            )
+            if found < 0:
+                low, below = length, found
+            else:
+                high, above = length, found
         return length
 
     def free(self) -> None:
