@@ -93,7 +93,8 @@ def main(names: list[str] | None = None, out: str = "results/adaptive") -> list[
     if unknown := set(names or ()) - set(SCENES):
         raise ValueError(f"adaptive: {unknown.pop()!r} must be one of {', '.join(SCENES)}")
     chosen = {name: SCENES[name] for name in names or SCENES}
-    figure, axes = plt.subplots(1, len(chosen), figsize=(1.8 + 3.2 * len(chosen), 3.4), squeeze=False)
+    size = (1.8 + 3.2 * len(chosen), 3.4)
+    figure, axes = plt.subplots(1, len(chosen), figsize=size, squeeze=False)
     lines = []
     for ax, make in zip(axes.flat, chosen.values(), strict=True):
         scene = make()
