@@ -211,10 +211,10 @@ def mmb() -> Scene:
         monitor,
         385.0 * np.array([0.3, 0.6, 20.0]),
         0.25,
-        5.0,
-        (crack - 3, 62.0),
+        2.5,
+        (crack - 2, 46.0),
         vmdg.SolveOptions(energy=True, progress=60.0, unstable="trace", max_share=0.004),
-        until=lambda problem: deflection(problem) > 4.5,
+        until=lambda problem: deflection(problem) > 1.6,
     )
 
 
