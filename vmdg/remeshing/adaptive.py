@@ -29,6 +29,7 @@ from ..checkpoint.checkpoint import (
 from ..checks.model import checked_loads
 from ..checks.zone import load_of
 from ..domain.topology import facet_corners
+from ..linear.ksp import linear_options
 from ..output.history import History
 from ..problem.problem import Problem
 from ..problem.states import RunScales, Snapshot
@@ -144,7 +145,8 @@ def solve_adaptively(
             about process zones says what is needed.
         window: Distance from a front up to which cells along interfaces have it [mm], at least
             the length of the process zone.
-        options: As for :func:`.solve`, without a table on disk. Of ``checkpoint`` a folder is made
+        options: As for :func:`.solve`, without a table on disk; in 3D the linear solver is that of
+            the first mesh with a window, on all meshes. Of ``checkpoint`` a folder is made
             for every mesh, when the state has come there and at the end; the last two are kept.
         monitor: As for :func:`.solve`; called with the problem of the present mesh.
         most_unknowns: Largest number of unknowns of a mesh.
@@ -153,7 +155,7 @@ def solve_adaptively(
             ranks; loads are those of the whole run.
 
     Raises:
-        ValueError: sizes that are not positive, a window smaller than four cells, options that
+        ValueError: sizes that are not positive, a window smaller than two cells, options that
             write a table, ``resume`` without a folder, a mesh with more unknowns, or what
             :func:`transfer` refuses.
         StepFailure: as of :func:`.solve`.
@@ -240,8 +242,12 @@ def _follow(
                 f"from load factor {state.t:.6g} on; use a larger window or smaller load steps"
             )
         run.problem = _made(make_problem, around, most_unknowns)
+        if not started and problem.mesh.topology.dim == 3:
+            # The choice would change with the size of the mesh.
+            solver = linear_options(run.problem, options.petsc).solver
+            options = replace(options, petsc={**(options.petsc or {}), **solver})
         if started and run.history.rows:
-            run.transfers.append(transfer(problem, run.problem))
+            run.transfers.append(transfer(problem, run.problem, options.petsc))
             _save(run, around, folder)
 
 
@@ -295,10 +301,10 @@ def _last_window(comm: MPI.Comm, folder: Path) -> tuple[Path, Array, Array] | No
 def _checked(
     fine: float, window: float, options: SolveOptions | None, resume: bool
 ) -> SolveOptions:
-    if not (0 < fine < np.inf and 4 * fine <= window < np.inf):
+    if not (0 < fine < np.inf and 2 * fine <= window < np.inf):
         raise ValueError(
             f"solve_adaptively: fine = {fine!r} and window = {window!r} must be positive lengths, "
-            "the window at least four cells"
+            "the window at least two cells"
         )
     options = SolveOptions() if options is None else options
     if options.csv is not None:
