@@ -40,6 +40,7 @@ from .laws import TrapezoidalDebonding as TrapezoidalDebonding
 from .linear.features import switchboard as switchboard
 from .linear.system import macroscopic_tangent as macroscopic_tangent
 from .materials.drucker_prager import DruckerPrager as DruckerPrager
+from .materials.gradient_damage import GradientDamage as GradientDamage
 from .materials.j2 import J2 as J2
 from .materials.point import PointMaterial as PointMaterial
 from .materials.point import Response as Response
@@ -48,6 +49,7 @@ from .output.cell import AxialMotion as AxialMotion
 from .output.cell import PeriodicCell as PeriodicCell
 from .output.crack import CrackGrowth as CrackGrowth
 from .output.fields import FieldWriter as FieldWriter
+from .output.fields import body_damage as body_damage
 from .output.history import History as History
 from .output.profile import profile as profile
 from .output.summary import average as average

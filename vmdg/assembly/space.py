@@ -17,8 +17,11 @@ from ..domain.topology import facet_cells, local_facets
 from ..points.facets import InterfaceFacets
 
 
-def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.FunctionSpace:
-    """Vector Lagrange space that may jump across the facets ``cut``: (8)-(9), and (43).
+def broken_space(
+    mesh: Mesh, degree: int, cut: NDArray[np.int32], scalar: bool = False
+) -> fem.FunctionSpace:
+    """Lagrange space, of vectors by default, that may jump across the facets ``cut``: (8)-(9), and
+    (43).
 
     Every pair (cell, dof) at a dof of a cut facet is a node of a graph. The uncut interior facets
     connect the graph nodes shared by their two cells, and each connected component becomes one dof.
@@ -31,7 +34,8 @@ def broken_space(mesh: Mesh, degree: int, cut: NDArray[np.int32]) -> fem.Functio
     Returns:
         A space with the dofs of the continuous one and the duplicates on the cut facets.
     """
-    space = fem.functionspace(mesh, ("Lagrange", degree, (mesh.geometry.dim,)))
+    shape = () if scalar else (mesh.geometry.dim,)
+    space = fem.functionspace(mesh, ("Lagrange", degree, shape))
     if not global_any(mesh.comm, len(cut) > 0):
         return space
     pairs = facet_cells(mesh)

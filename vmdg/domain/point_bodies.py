@@ -24,6 +24,7 @@ from ..base.timers import timer
 from ..forms.dilatation import MeanDilatation
 from ..forms.geometry import Cartesian, Geometry
 from ..forms.kinematics import PointFields
+from ..materials.gradient_damage import GradientDamage
 from ..materials.point import PointMaterial
 from .mean_points import MeanPoints
 from .point_evaluator import PointEvaluator
@@ -51,6 +52,7 @@ class PointState:
     dissipated: Array  # Dissipated energy in the step (cells, points) [MPa]
     next: tuple[Array, ...]
     deformation: Array  # F, at small strain the strain, of these stresses (n, 3, 3)
+    damage: Array  # d at the corners of cells (cells, corners); (cells, 0) where no body cracks
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ class PointBodies:
         cells: Local cells, by tag in the order of ``materials``, (n,).
         points: Reference points in a cell (q, d).
         extrapolation: Values of the points in a cell to coefficients of the facet fields (m, q).
+        cracking: Place in ``cells`` of those of bodies with a damage field, by tag.
         viscous: Material and tag of a body whose stress depends on the time step; empty for none.
         lost: Material and tag of this rank's points whose stress or moduli were not finite for a
             finite F at the last evaluation; empty for none.
@@ -107,6 +110,11 @@ class PointBodies:
         self.cells = np.concatenate(chosen).astype(np.int32)
         bounds = np.cumsum([0, *map(len, chosen)])
         self._parts = list(zip(materials.values(), bounds[:-1], bounds[1:], strict=True))
+        self.cracking = {
+            tag: slice(int(start), int(stop))
+            for tag, (material, start, stop) in zip(materials, self._parts, strict=True)
+            if isinstance(material, GradientDamage)
+        }
         cell_map = mesh.topology.index_map(mesh.topology.dim)
         self._local = cell_map.size_local + cell_map.num_ghosts
         self._row = np.full(self._local, -1)
@@ -152,7 +160,7 @@ class PointBodies:
             for material, start, stop in self._parts
         )
         grid = len(self.cells), len(self.points)
-        dimension = 4 if self._mean else 3
+        dimension, corners = 4 if self._mean else 3, len(basix.geometry(cell))
         one = np.tile(np.eye(dimension) * (not small), (count, 1, 1))
         empty = np.zeros((*grid, size, size))
         self.state = PointState(
@@ -164,6 +172,7 @@ class PointBodies:
             np.zeros(grid),
             history,
             one,
+            np.zeros((len(self.cells), corners if self.cracking else 0)),
         )
         self.take(together(mesh.comm, lambda: self._evaluated(one, np.inf)))
         self.renew()
@@ -263,6 +272,7 @@ class PointBodies:
             dissipated,
             tuple(history),
             deformation,
+            old.damage,
         )
 
     def _checked(self, state: PointState) -> PointState:
@@ -380,6 +390,29 @@ class PointBodies:
     def has(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
         return self._row[cells] >= 0
 
+    # Damage
+
+    def drive(self, tag: int) -> Array:
+        """Energy that drives the damage of a body at its last deformation (cells, points) [MPa]."""
+        values = self.state.next[list(self.materials).index(tag)][:, 1]
+        return values.reshape(-1, len(self.points))
+
+    def soften(self, damage: Array, at_points: Array) -> None:
+        """Another damage, before the iteration of a step; collective.
+
+        Args:
+            damage: At the corners of cells (cells, corners).
+            at_points: Damage and surface energy there [MPa] (cells, points, 2).
+        """
+        history = list(self.state.history)
+        for tag, own in self.cracking.items():
+            number = list(self.materials).index(tag)
+            values = history[number] = history[number].copy()
+            values[:, [0, 2]] = at_points[own].reshape(-1, 2)
+        self.state = _with(self.state, history=tuple(history), damage=damage)
+        self.update(self.state.deformation, np.inf)
+        self.renew()
+
     # Steps
 
     def renew(self) -> None:
@@ -401,6 +434,7 @@ class PointBodies:
             history[start:stop, :, : material.size] = values.reshape(shape)
         deformation = state.deformation.reshape(state.stress.shape)
         arrays = [history, state.stress, state.moduli, state.frozen, deformation, state.stored]
+        arrays.append(state.damage)
         values = np.concatenate([joined_axes(array, 1) for array in arrays], axis=1)
         rows = np.zeros((self._local, values.shape[1]))
         rows[self.cells] = values
@@ -410,11 +444,12 @@ class PointBodies:
         now, count = self.state, len(self.points)
         size = max(material.size for material, *_ in self._parts)
         shapes = [(count, size), *(a.shape[1:] for a in (now.stress, now.moduli, now.frozen))]
-        shapes += [now.stress.shape[1:], (count,)]
+        shapes += [now.stress.shape[1:], (count,), now.damage.shape[1:]]
         ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
         blocks = np.split(rows[self.cells], ends[:-1], axis=1)
-        history, stress, moduli, frozen, deformation, stored = (
-            block.reshape(-1, *shape).copy() for block, shape in zip(blocks, shapes, strict=True)
+        history, stress, moduli, frozen, deformation, stored, damage = (
+            block.reshape(len(self.cells), *shape).copy()
+            for block, shape in zip(blocks, shapes, strict=True)
         )
         own = tuple(
             history[start:stop, :, : material.size]
@@ -424,7 +459,7 @@ class PointBodies:
         )
         still = np.zeros(history.shape[:2])
         where = deformation.reshape(now.deformation.shape)
-        return PointState(own, stress, moduli, frozen, stored, still, own, where)
+        return PointState(own, stress, moduli, frozen, stored, still, own, where, damage)
 
     # Integrals and values
 

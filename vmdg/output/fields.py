@@ -30,15 +30,15 @@ from .values import VECTORS, facet_means, facet_scalar, open_facets
 from .vtu import Series, check_meshio
 
 #: Fields of the bodies, and of the interfaces.
-DISPLACEMENT, STRESS = "displacement", "stress"
-INTERFACE_FIELDS = (DISPLACEMENT, *VECTORS, "slip", "damage", "mode", "fine_scale")
+DISPLACEMENT, STRESS, DAMAGE = "displacement", "stress", "damage"
+INTERFACE_FIELDS = (DISPLACEMENT, *VECTORS, "slip", DAMAGE, "mode", "fine_scale")
 
 FIELDS = tuple(dict.fromkeys((DISPLACEMENT, STRESS, *INTERFACE_FIELDS)))
 
 UNITS = {
     **dict.fromkeys((DISPLACEMENT, "opening", "gap", "slip", "fine_scale"), "mm"),
     **dict.fromkeys((STRESS, "traction"), "MPa"),
-    **dict.fromkeys(("damage", "mode"), "-"),
+    **dict.fromkeys((DAMAGE, "mode"), "-"),
 }
 #: Free disk space required before fields are written, relative to their size, by format; points
 #: and cells are written at every time, and put together in memory.
@@ -50,6 +50,32 @@ def discontinuous(problem: Problem) -> fem.Function:
     demand."""
     degree, shape = problem.space.ufl_element().degree, (problem.mesh.geometry.dim,)
     return fem.Function(fem.functionspace(problem.mesh, ("DG", degree, shape)), name=DISPLACEMENT)
+
+
+def body_damage(problem: Problem) -> fem.Function:
+    """Damage d of bodies of :class:`vmdg.GradientDamage` at the nodes [-], zero in others.
+
+    Like the displacement it may jump at interfaces; the next call overwrites it.
+
+    Raises:
+        TypeError: the problem is not a problem.
+        ValueError: no body cracks.
+    """
+    if not isinstance(problem, Problem):
+        raise TypeError(f"body_damage: problem = {problem!r} must be a vmdg.Problem")
+    if problem.step.damage is None:
+        raise ValueError(
+            "body_damage: no body cracks; give one the material vmdg.GradientDamage(...)"
+        )
+    return problem.step.damage.field
+
+
+def _copied_damage(problem: Problem) -> tuple[fem.Function, Callable[[], None]]:
+    """A cell-wise discontinuous damage of bodies, and what updates it."""
+    degree = problem.space.ufl_element().degree
+    function = fem.Function(fem.functionspace(problem.mesh, ("DG", degree)), name=DAMAGE)
+    cells = np.arange(len(function.function_space.dofmap.list), dtype=np.int32)
+    return function, lambda: compat.interpolate(function, body_damage(problem), cells)
 
 
 def copy_displacement(problem: Problem, function: fem.Function) -> None:
@@ -150,11 +176,11 @@ class FieldWriter:
         problem: The problem.
         folder: Created if missing; receives bodies.bp and one file per interface with its name,
             such as bond.bp, or interface_0.bp without a name.
-        fields: Names of the fields, or one name; None for all. Bodies: "displacement" [mm] and
-            "stress" [MPa]; interfaces: "traction" [MPa], "opening" and "gap" [mm], which are
-            vectors, "slip" [mm], "damage" [-], "mode" and "fine_scale" [mm], see
-            :func:`vmdg.output.values.scalar`. The displacement, if chosen, is also written for
-            interfaces.
+        fields: Names of the fields, or one name; None for all. Bodies: "displacement" [mm],
+            "stress" [MPa], and "damage" [-] where they crack; interfaces: "traction" [MPa],
+            "opening" and "gap" [mm], which are vectors, "slip" [mm], "damage" [-], "mode" and
+            "fine_scale" [mm], see :func:`vmdg.output.values.scalar`. The displacement, if chosen,
+            is also written for interfaces.
         format: "bp", VTX files of ADIOS2, which are small and quick; or "vtu", which pyvista,
             meshio and vtk of PyPI read too: folders bodies, bond, ..., with bodies/bodies.pvd and
             a .vtu file for every time and rank, of degree 2 at most, by meshio. Names have their
@@ -204,6 +230,10 @@ class FieldWriter:
         if STRESS in names:
             self._updates.append(problem.stress)
             files["bodies"].append(problem.stress())
+        if DAMAGE in names and problem.step.damage is not None:
+            function, update = _copied_damage(problem)
+            self._updates.append(update)
+            files["bodies"].append(function)
         chosen = [name for name in names if name in INTERFACE_FIELDS]
         if set(chosen) - {DISPLACEMENT}:
             for name in interface_names(problem.interfaces):

@@ -29,6 +29,7 @@ from ..domain.materials import Bodies, cell_values
 from ..domain.tags import Group
 from ..domain.topology import cells_inside, facet_cells
 from ..forms.materials import Material
+from ..materials.gradient_damage import GradientDamage
 from ..materials.point import PointMaterial
 from ..points.facets import InterfaceFacets
 from ..points.interface import Interface, interface_names
@@ -201,6 +202,28 @@ def check_points(
             "plastic flow keeps the volume, and cells of degree 1 lock: once a body flows, forces "
             f"are too large, in a necking bar by 80 %; use {cure}",
         )
+
+
+def check_cracking(
+    materials: Mapping[int, Material], interfaces: Sequence[Interface], others: Mapping[str, bool]
+) -> None:
+    """Refuse what bodies that crack cannot be combined with: ``others`` says whether the problem
+    has a feature, by what the user wrote for it."""
+    tags = [tag for tag, m in materials.items() if isinstance(m, GradientDamage)]
+    if not tags:
+        return
+    of_interfaces = {
+        "sliding=True of an interface": any(one.sliding for one in interfaces),
+        "activate='on-demand' of an interface": any(
+            one.activate == "on-demand" for one in interfaces
+        ),
+    }
+    for what, present in {**of_interfaces, **others}.items():
+        if present:
+            raise ValueError(
+                f"Problem: the GradientDamage of tag {tags[0]} cannot be combined with {what}; "
+                "omit it, or give the body another material"
+            )
 
 
 def check_walls(bodies: Bodies, strains: Mapping[int, Any], repeats: bool, axial: bool) -> None:

@@ -57,6 +57,7 @@ from .arguments import (
     GENERALIZED,
     SYMBOLIC,
     check_approximation,
+    check_cracking,
     check_faces,
     check_mesh,
     check_overlap,
@@ -191,6 +192,9 @@ class Problem:
         check_rest(mesh, materials)
         locks = degree == 1 and volumetric == "pointwise" and not stress_only
         check_points(mesh, materials, self.interfaces, kinematics, locks)
+        refused = {"a periodic cell": repeats, f"plane={GENERALIZED!r}": axial is not None}
+        refused |= {"volumetric='mean'": volumetric == "mean", "density=": density is not None}
+        check_cracking(materials, self.interfaces, refused)
         self.materials = MappingProxyType(materials)
         tags = tags_of_cells(mesh, cell_tags)
         lattice = make_lattice(mesh, periodic.vectors) if repeats else None

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..assembly.damage import Damage
 from ..assembly.discretization import Discretization
 from ..assembly.means import lattice_of
 from ..assembly.space import at_owners
@@ -53,6 +54,7 @@ class Step:
         scales: Sizes of the run so far, which the solver updates.
         sliding: Largest slip of points in contact so far, relative to the size of their facets.
         rates: Derivatives of the converged state by parameters; None for none.
+        damage: The damage field of bodies that crack; None where none does.
         rests_on_contact: Whether a body is constrained by contact alone; otherwise points without
             bond and pressure start every step open.
     """
@@ -80,6 +82,8 @@ class Step:
         loading.move(0.0)
         discretization.update_stabilization()
         self._dt = 1.0
+        points = discretization.bodies.points
+        self.damage = Damage(discretization, points) if points and points.cracking else None
         self._overlap()
         self.start = self.snapshot()
         # The last converged displacement.
@@ -150,15 +154,6 @@ class Step:
         """
         if bodies := self.discretization.bodies.points:
             bodies.renew()
-
-    def come_to_rest(self) -> None:
-        """Stop bodies in motion, for statics; their kinetic energy counts as viscous work;
-        collective."""
-        anchor(self._loading)
-        if self.motion is not None:
-            self.ledger.release(self.motion.kinetic_energy())
-            rest = np.zeros(self.discretization.owned)
-            self.motion.move(rest, rest.copy())
 
     def slow_down(self, overstress: float, cycles: float = 0.0) -> None:
         """Set the overstress of bonded points per gap increment, in multiples of H, and the number
@@ -441,6 +436,15 @@ def energy_of(step: Step, anew: bool = False) -> Energy:
     energy = step.ledger.energy(anew)
     motion = step.motion
     return energy if motion is None else replace(energy, kinetic=motion.kinetic_energy())
+
+
+def come_to_rest(step: Step) -> None:
+    """Stop bodies in motion, for statics; kinetic energy counts as viscous work; collective."""
+    anchor(step._loading)
+    if step.motion is not None:
+        step.ledger.release(step.motion.kinetic_energy())
+        rest = np.zeros(step.discretization.owned)
+        step.motion.move(rest, rest.copy())
 
 
 def enter_given_state(step: Step) -> None:

@@ -148,6 +148,7 @@ def _refused(problem: Problem) -> str:
         "a fluid between crack faces": bool(problem.loading.given.filled),
         "a periodic cell": lattice_of(problem.discretization.means) is not None,
         "means that are unknown": problem.discretization.means is not None,
+        "bodies that crack": problem.step.damage is not None,
         "bodies in motion": problem.step.motion is not None,
         "derivatives": problem.step.rates is not None,
     }

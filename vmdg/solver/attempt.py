@@ -31,6 +31,7 @@ class Attempt:
     # continue it
     ahead: Direction | None = None
     lost: float = 0.0  # Largest fraction of the strength lost at a point in a step with cycles
+    passes: int = 1  # Number of equilibria until the damage of bodies had converged
 
     @property
     def iterations(self) -> int:

@@ -107,6 +107,8 @@ class PathOptions:
             that counts as negligible.
         drag: Viscous resistance of bodies in a jump for an overstress of H, relative to the norm of
             the tangent.
+        damage: Largest change of the damage of bodies after the last pass of a step.
+        passes: Maximum number of passes of a step in which bodies crack.
         idle: Number of steps without damage or progress towards the target before a run, or a jump,
             fails.
 
@@ -127,6 +129,8 @@ class PathOptions:
     overstress: float = 4.0
     rest: float = 0.02
     drag: float = 1e-3
+    damage: float = 1e-3
+    passes: int = 1000
     idle: int = 100
 
     def __post_init__(self) -> None:

@@ -170,7 +170,9 @@ class Path:
         start, step, steps = problem.t, problem.step, self._steps
         step.set_out()
         most = options.max_share * bonds(problem)[0]
+        # In passes of a step that bodies crack in, loads stay: a crack may run at once.
         by_load = options.control == "load" or steps.viscous or steps.cyclic
+        by_load |= step.damage is not None
         # Bonds may break or bodies buckle; before facets open nothing is known about bonds.
         small = problem.discretization.bodies.small
         bends = most > 0 or not (small or step.activation)

@@ -91,6 +91,11 @@ REASONS = {
         "itself at this load",
         "SolveOptions(unstable='jump'), the default; a larger max_loss, 1 at most; fewer cycles",
     ),
+    "STILL_CRACKING": Reason(
+        "the damage of the bodies has not converged in the passes of a step, or PETSc found none",
+        f"SolveOptions(path=vmdg.PathOptions(passes=10000)) where a crack runs far; {_SMALLER}; "
+        "prescribed displacements instead of forces",
+    ),
     "NO_END": Reason(
         "under arc-length control nothing breaks, and the load factor does not reach its target: "
         "there may be no structure left to carry a larger load",

@@ -216,6 +216,8 @@ def common_columns(
         "cuts [-]": cuts,
     }
     more: dict[str, Any] = {"krylov [-]": found.krylov} | sliding_column(problem)
+    if problem.step.damage is not None:
+        more |= {"passes [-]": found.passes}
     if lattice_of(problem.discretization.means) is not None:
         more |= PeriodicCell(problem).row()
     elif problem.discretization.means is not None:

@@ -13,6 +13,7 @@ from ..checks.model import check_model, checked_loads
 from ..linear.features import switchboard
 from ..output.history import History
 from ..problem.problem import Problem
+from ..problem.step import come_to_rest
 from ..sensitivity.checks import check_differentiable
 from ..sensitivity.derivatives import Derivatives
 from .monitors import Monitor, Until, differentiable_energies, ends, row_of, watched_row
@@ -81,7 +82,7 @@ def solve(
     result = Result(
         history=History() if history is None else history, switches=switchboard(problem, options)
     )
-    problem.step.come_to_rest()
+    come_to_rest(problem.step)
     carried = None
     if derivatives is not None:
         check_differentiable(problem, options, history is not None)

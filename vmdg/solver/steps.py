@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..assembly.discretization import carried
 from ..checks.model import rated
@@ -96,7 +97,7 @@ class Steps:
             # The state of the last step, whose forces balance, is unchanged.
             last = self._opened(utilization, last)
         while True:
-            found = self._iterate(limits, last)
+            found = self._passes(limits, last)
             if found.converged and (reason := step.invalid()):
                 found = found.failed(reason)
             if found.converged and not step.stabilization_suffices():
@@ -158,7 +159,31 @@ class Steps:
         ahead = Direction(change, problem.t - step.start.t)
         return replace(found, work=step.bond_work(), ahead=ahead)
 
-    def _iterate(self, limits: Limits, last: Attempt | None) -> Attempt:
+    def _passes(self, limits: Limits, last: Attempt | None) -> Attempt:
+        """An attempt in which bodies may crack: passes from the start of the step, each with the
+        damage that the last one leads to, until it hardly changes; collective."""
+        step, damage = self.problem.step, self.problem.step.damage
+        if damage is None:
+            return self._iterate(limits, last)
+        numbers, given, count = self.options.path, None, 0
+        while True:
+            found, count = self._iterate(limits, last, given), count + 1
+            if not found.converged:
+                return replace(found, passes=count)
+            given, change = damage.solve(step.start.bodies.damage)
+            if change <= numbers.damage:
+                return replace(found, passes=count)
+            if count == numbers.passes or np.isnan(change):
+                return replace(found.failed("STILL_CRACKING"), passes=count)
+            # Extrapolated over its own length, the next pass begins where this one has ended.
+            last = last and self._reached(found)
+            step.return_to(step.start)
+
+    def _iterate(
+        self, limits: Limits, last: Attempt | None, damage: NDArray[np.float64] | None = None
+    ) -> Attempt:
+        """One pass, with another damage of the bodies than that at the start of the step if it is
+        given."""
         problem, options, jump = self.problem, self.options, limits.jump
         if self._corrector.discretization is not problem.discretization:
             self.restart()
@@ -177,6 +202,8 @@ class Steps:
             if not (jump or self.viscous):
                 raise
             return Attempt(False, reason=str(error))
+        if damage is not None:
+            problem.step.damage.apply(damage)
         scales = problem.step.scales
         found = self._corrector.solve(limits, dt, last)
         if jump:
