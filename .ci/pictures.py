@@ -88,6 +88,7 @@ COMMANDS = {
     "tearing": ("tearing", "tearing_neo-hookean.png"),
     "tearing_ogden": ("tearing --material ogden", "tearing_ogden.png"),
     "tearing_sheet": ("tearing_sheet", "tearing_sheet.png"),
+    "fibre_windows": ("fibre_windows", "fibre_windows.png"),
     "adaptive": ("adaptive dcb", "adaptive.png"),
     "indicator": ("indicator DCB", "indicator.png"),
     "verification": ("verification", "verification.png verification.md"),

@@ -59,8 +59,8 @@ def stay(scene: Scene) -> Ran:
 def differences(one: Ran, other: Ran) -> tuple[float, float]:
     """Of the peak, and the largest one of the curves, relative to the peak of the other run.
 
-    Curves are compared where both have a row of the same load factor, or, along a path, at the
-    rows of the first one.
+    Curves are compared where both have a row of the same load factor, or, along a path that turns
+    back, where the same energy is dissipated.
     """
     force = [ran.history["force"] for ran in (one, other)]
     peak = force[1].max()
@@ -69,8 +69,9 @@ def differences(one: Ran, other: Ran) -> tuple[float, float]:
     if len(both) > 5:
         curves = [f[np.searchsorted(t, both)] for f, t in zip(force, (load, there), strict=True)]
     else:
-        motion, known = (ran.history["motion"] for ran in (one, other))
-        curves = [force[0], np.interp(motion, known, force[1])]
+        spent, known = (ran.history["damage"] for ran in (one, other))
+        begun = spent > known[known > 0].min()
+        curves = [force[0][begun], np.interp(spent[begun], known, force[1])]
     return force[0].max() / peak - 1, abs(curves[0] - curves[1]).max() / peak
 
 

@@ -365,6 +365,17 @@ def tearing_sheet(demo, found):
     assert abs(found["imbalance"]).max() < 1e-3 * found["external"][-1]
 
 
+@run(long)
+def fibre_windows(demo, found):
+    """All fibres debond, on meshes coarser than one that is fine around all of them, and energies
+    balance."""
+    assert found["debonded"][0] == 0 and 0.15 < found["debonded"][-1] < 0.6
+    stress, strain = given(found, "stress", "strain")
+    assert stress[-1] / strain[-1] < 0.65 * stress[0] / strain[0]
+    assert len(set(found["unknowns"])) > 4
+    assert abs(found["imbalance"]).max() < 1e-3 * found["external"][-1]
+
+
 # Tutorials
 
 

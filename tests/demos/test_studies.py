@@ -347,11 +347,14 @@ def test_estimated_errors(out):
 
 
 @long
-def test_meshes_that_follow_a_crack(out):
-    """A beam on meshes that follow its crack: peak and curve of a fixed mesh, with fewer
-    unknowns."""
-    scene = adaptive.SCENES["dcb"]()
-    scene = replace(scene, loads=scene.loads[:16], path=(25.0, 50.0))
+@pytest.mark.parametrize(
+    "name, count, path", (("dcb", 16, (25.0, 50.0)), ("peel", 24, (2.0, 18.0)))
+)
+def test_meshes_that_follow_a_crack(out, name, count, path):
+    """A beam, and rubber at finite strain, on meshes that follow a crack: peak and curve of a fixed
+    mesh, with fewer unknowns."""
+    scene = adaptive.SCENES[name]()
+    scene = replace(scene, loads=scene.loads[:count], path=path)
     runs = [adaptive.follow(scene), adaptive.stay(scene)]
     peak, curve = adaptive.differences(*runs)
     assert abs(peak) < 3e-3 and curve < 0.01
