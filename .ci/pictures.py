@@ -166,9 +166,11 @@ TABLES = {
         "Cost of a Newton iteration",
         "One Newton iteration of plain finite elements / of vmdg on the same mesh, neo-Hookean, "
         "the interface through the middle: tied, or with every point damaged or sliding with "
-        "friction. Processor time on one core, the least of several runs. The last column compares "
-        "with plain elements whose multigrid interpolation is rebuilt in every iteration, as "
-        "PETSc does by default.",
+        "friction, which makes the tangent unsymmetric: direct solvers take LU, for plain elements "
+        "LDL^T. Processor time on one core, the least of several runs that take turns. To rebuilt: "
+        "against plain elements whose multigrid interpolation is rebuilt in every iteration, as "
+        "PETSc does by default. Active: the share of points that are damaged or slide. A step "
+        "more: what a step costs in addition, however many iterations it takes.",
     ),
     "benchmark_others.md": (
         "vmdg, fedoo and Akantu",

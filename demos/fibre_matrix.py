@@ -108,7 +108,7 @@ def main(
 
     # Fragments that hang on a last point invite distant equilibria: watch the energy.
     shown = {"progress": True, "show": ("stress", "stage"), "csv": Path(out) / "history.csv"}
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True, **shown)
+    options = vmdg.SolveOptions(energy=True, **shown)
     separated, growth = (0.525 if fibres == 1 else 0.65) * critical_gap, 1.04 if animate else 1.1
     # Fragments between two cracks may bridge them for long.
     loads = np.append(pulls(1e-4, separated, growth), separated * 1.1 ** np.arange(1, 32))

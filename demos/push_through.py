@@ -63,7 +63,7 @@ def main(layers: int = 25, steps: int = 20, end: float = 3.0, out: str = "result
 
     loads = 1 + np.append(np.linspace(0, 0.174, 2 * steps + 1)[1:], np.linspace(0.174, end, steps))
     shown = {"progress": True, "show": ("force", "off"), "csv": Path(out) / "history.csv"}
-    options = vmdg.SolveOptions(relative_tolerance=1e-7, **shown)
+    options = vmdg.SolveOptions(**shown)
     history = vmdg.solve(problem, np.unique(loads[loads <= 1 + end]), options, monitor).history
 
     figure, (curve, section) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")

@@ -95,7 +95,7 @@ def tear(
         }
 
     table = out / f"history_{material}_{mesh}.csv"
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True, progress=True, csv=table)
+    options = vmdg.SolveOptions(energy=True, progress=True, csv=table)
     return vmdg.solve(problem, case.strains(steps), options, monitor).history
 
 

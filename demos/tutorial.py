@@ -78,9 +78,7 @@ def main(element_size: float = 1e-3, steps: int = 30, out: str = "results/tutori
         }
 
     loads = np.linspace(0, 0.025, steps + 1)[1:]
-    options = vmdg.SolveOptions(
-        relative_tolerance=1e-8, progress=True, csv=Path(out) / "history.csv"
-    )
+    options = vmdg.SolveOptions(progress=True, csv=Path(out) / "history.csv")
     with vmdg.FieldWriter(problem, Path(out) / "fields") as fields:
         history = vmdg.solve(problem, loads, options, monitor).history
 

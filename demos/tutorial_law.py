@@ -136,7 +136,7 @@ def peel(law: vmdg.Law, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.
         row = {"gap [mm]": gap, "traction [MPa]": traction}
         return row | {"opening [mm]": problem.t, "force [N]": force}
 
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, energy=True, progress=True)
+    options = vmdg.SolveOptions(energy=True, progress=True)
     loads = np.linspace(0, opening, steps + 1)[1:]
     return problem, vmdg.solve(problem, loads, options, monitor).history
 

@@ -103,7 +103,7 @@ def peel(theta: float, steps: int, opening: float) -> tuple[vmdg.Problem, vmdg.H
         return {"opening [mm]": problem.t, "force [N]": problem.reaction(upper)[1]}
 
     loads = np.linspace(0, opening, steps + 1)[1:]
-    options = vmdg.SolveOptions(relative_tolerance=1e-8, progress=True)
+    options = vmdg.SolveOptions(progress=True)
     return problem, vmdg.solve(problem, loads, options, monitor).history
 
 

@@ -45,6 +45,8 @@ class Parameters(Mapping[str, Any]):
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, str):
+        return value
     return f"{value:.6g}" if isinstance(value, Real) else type(value).__name__
 
 
@@ -129,7 +131,8 @@ class Material:
         super().__setattr__(name, value)
 
     def __repr__(self) -> str:
-        given = getattr(self, "parameters", {})  # a subclass may lack them, which is then told
+        # A subclass may lack them, which is then told; those at points have more.
+        given = getattr(self, "numbers", None) or getattr(self, "parameters", {})
         values = ", ".join(f"{name}={_short(value)}" for name, value in given.items())
         return f"<{type(self).__name__}: {values}>"
 

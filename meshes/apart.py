@@ -23,12 +23,13 @@ from .gmsh_model import TaggedMesh
 from .partition import cell_partitioner
 
 
-def apart(parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]) -> TaggedMesh:
+def apart(parts: Sequence[tuple[Mesh, MeshTags, MeshTags | None]]) -> TaggedMesh:
     """One mesh of several bodies that share no nodes, even where these coincide; collective.
 
     Args:
-        parts: Mesh, cell tags and facet tags of every body, with cells of one type and degree, on
-            the same communicator. Cell tags of different parts differ; facet tags may be the same.
+        parts: Mesh, cell tags and facet tags, or None, of every body, with cells of one type and
+            degree, on the same communicator. Cell tags of different parts differ; facet tags may
+            be the same.
 
     Returns:
         Mesh, cell tags and facet tags, these unchanged, and their names.
@@ -95,7 +96,7 @@ def distributed(
 
 
 def cells_in_order(
-    comm: MPI.Comm, parts: Sequence[tuple[Mesh, MeshTags, MeshTags]]
+    comm: MPI.Comm, parts: Sequence[tuple[Mesh, MeshTags, MeshTags | None]]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Nodes of all parts that this rank owns (n, d), and a share of their cells; collective.
 
@@ -129,7 +130,7 @@ def cells_in_order(
     return np.concatenate(own)[:, : parts[0][0].geometry.dim], table
 
 
-def _tags_by_cell(mesh: Mesh, cells: MeshTags, facets: MeshTags) -> NDArray[np.int32]:
+def _tags_by_cell(mesh: Mesh, cells: MeshTags, facets: MeshTags | None) -> NDArray[np.int32]:
     """Tags of every owned cell and of its facets, UNTAGGED where there is none (cells, 1 + facets
     of a cell)."""
     dim = mesh.topology.dim
@@ -138,7 +139,8 @@ def _tags_by_cell(mesh: Mesh, cells: MeshTags, facets: MeshTags) -> NDArray[np.i
     mesh.topology.create_connectivity(dim, dim - 1)
     of_facet = la.vector(mesh.topology.index_map(dim - 1), dtype=np.int32)
     of_facet.array[:] = UNTAGGED
-    of_facet.array[facets.indices] = facets.values
+    if facets is not None:
+        of_facet.array[facets.indices] = facets.values
     of_facet.scatter_forward()
     count = len(basix.topology(mesh.basix_cell())[dim - 1])
     rows = mesh.topology.connectivity(dim, dim - 1).array.reshape(-1, count)[:owned]
@@ -156,7 +158,7 @@ def _rows_of(
     return values.array.reshape(-1, rows.shape[1])[local]
 
 
-def names_of(parts: Sequence[NamedTags | MeshTags]) -> dict[str, int]:
+def names_of(parts: Sequence[NamedTags | MeshTags | None]) -> dict[str, int]:
     names: dict[str, int] = {}
     for part in parts:
         for name, tag in getattr(part, "names", {}).items():

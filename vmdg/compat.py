@@ -39,9 +39,6 @@ SNES_REASONS = {
     if isinstance(value, int) and name.isupper()
 }
 
-#: Line searches accept corrections of any size: PETSc before 3.24 limits their norm to 1e8.
-UNBOUNDED_SEARCH = {"maxstep": np.finfo(float).max} if PETSc.Sys.getVersion() < (3, 24) else {}
-
 
 def _show_warnings() -> None:
     """Return warnings to Python: FFCx 0.9 redirects them to a log, which is invisible unless
@@ -221,15 +218,6 @@ def input_numbers(mesh: Mesh) -> NDArray[np.int64]:
 def interpolation_points(space: fem.FunctionSpace) -> NDArray[np.float64]:
     points = space.element.interpolation_points
     return points() if callable(points) else points
-
-
-def timing(name: str) -> tuple[int, float]:
-    """How often a timer has run on this rank, and for how long [s]; zeros where it never has."""
-    try:
-        runs, elapsed, *_ = dolfinx.common.timing(name)
-    except RuntimeError:
-        return 0, 0.0
-    return runs, elapsed if isinstance(elapsed, float) else elapsed.total_seconds()
 
 
 def facet_ghost_partitioner(graph_partitioner: Any) -> Any:

@@ -93,15 +93,16 @@ def main(names: list[str] | None = None, out: str = "results/adaptive") -> list[
     if unknown := set(names or ()) - set(SCENES):
         raise ValueError(f"adaptive: {unknown.pop()!r} must be one of {', '.join(SCENES)}")
     chosen = {name: SCENES[name] for name in names or SCENES}
-    figure, axes = plt.subplots(1, len(chosen), figsize=(1 + 3.2 * len(chosen), 3), squeeze=False)
+    size = (1.8 + 3.2 * len(chosen), 3.4)
+    figure, axes = plt.subplots(1, len(chosen), figsize=size, squeeze=False)
     lines = []
     for ax, make in zip(axes.flat, chosen.values(), strict=True):
         scene = make()
-        runs = [follow(scene), stay(scene)]
-        lines.append(line(scene, runs))
-        for ran, style, label in zip(runs, ("C0-", "k--"), ("follows", "fixed"), strict=True):
+        runs = {"mesh that follows the crack": follow(scene), "fine mesh all along": stay(scene)}
+        lines.append(line(scene, list(runs.values())))
+        for (label, ran), style in zip(runs.items(), ("C0-", "k--"), strict=True):
             ax.plot(ran.history["motion"], ran.history["force"], style, label=label)
-        ax.set(xlabel="motion [mm]", ylabel="force [N]", title=scene.title)
+        ax.set(xlabel="displacement [mm]", ylabel="force [N]", title=scene.title)
     axes.flat[0].legend()
     figure.tight_layout()
     head = ["scene", "meshes", *("unknowns", "fixed", "ratio"), *("s", "fixed", "ratio")]

@@ -459,6 +459,7 @@ def test_parts_put_together():
         assert {*map(tuple, np.round(found, 9))} == {*map(tuple, np.round(given, 9))}
     for tag in (1, 2, 3, 4):
         assert len(both.cell_tags.find(tag)) == len(low.cell_tags.find((tag + 1) % 2 + 1))
+    assert not len(apart([low._replace(facet_tags=None)]).facet_tags.values)
     renamed = NamedTags(shifted, {"left": 3})
     with pytest.raises(ValueError, match="'left' is tag 1 in one part and 3 in another"):
         apart([low, (high.mesh, renamed, high.facet_tags)])

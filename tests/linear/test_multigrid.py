@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from parts.benchmark import iterations
+from parts.delamination import plies
 from support.budgets import over_budget
 from support.problems import FRICTION, pressed
 from support.scenes import everywhere, tag_cells, unit_box
@@ -11,7 +12,7 @@ from support.scenes import everywhere, tag_cells, unit_box
 import vmdg
 from vmdg.base.parallel import global_max
 from vmdg.base.timers import timings, timings_since
-from vmdg.linear.ksp import CG_GAMG, GMRES_GAMG
+from vmdg.linear.ksp import CG_GAMG, GMRES_GAMG, automatic_options
 from vmdg.linear.system import System
 
 
@@ -49,12 +50,23 @@ def test_coarsened_once(comm):
     assert "coarsen" not in runs
 
 
-def test_coarsened_again(comm):
-    """What has not served is made anew, after the direct solve that took its place."""
+def test_factors_take_the_place_of_multigrid(comm):
+    """What has not served is coarsened once more; until then one factorization does for all."""
     options = {**GMRES_GAMG, "pc_gamg_coarse_eq_limit": 50, "ksp_max_it": 1}
-    _, runs = solved(pressed(comm, "hexahedron", FRICTION), options, times=2, rtol=1e-10)
+    counts, runs = solved(pressed(comm, "hexahedron", FRICTION), options, times=4, rtol=1e-10)
     assert runs["coarsen"] == 2
-    assert runs["factorize"] == 2
+    assert runs["factorize"] == 1
+    assert list(counts) == [1, 1, 1, 1]
+
+
+def test_thin_arms():
+    """Multigrid that is bad for the mesh is given up, and no row comes of inexact corrections."""
+    arms = plies.Specimen(plies.T300, 40.0, fine=2.0, size=1.0, strength=35.0, columns=2)
+    options = vmdg.SolveOptions(petsc=automatic_options(arms.problem, 0, 0)[0])
+    result = vmdg.solve(arms.problem, [0.25, 1.2, 1.5], options)
+    assert not over_budget("thin arms", result)
+    assert result.counts.krylov < 120
+    assert list(result.history["load"]) == [0.25, 1.2, 1.5]
 
 
 def test_pieces_of_a_cell(comm):

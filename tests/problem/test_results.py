@@ -112,6 +112,8 @@ def test_lines_and_tables(comm):
         "interfaces bond; t = 0.002>"
     )
     assert repr(vmdg.NeoHookean(mu=2.0, lmbda=3.0)) == "<NeoHookean: mu=2, lmbda=3>"
+    soil = vmdg.DruckerPrager(50.0, 0.3, 0.02, 30.0)
+    assert repr(soil).endswith("friction=30, dilatancy=30, hardening=0, fit=compression>")
     assert repr(problem.snapshot()) == "<Snapshot: t = 0.002>"
     if comm.size == 1:
         said = "<InterfaceState: 4 points, 0 of them damaged; 2 facets, area 1>"

@@ -68,13 +68,16 @@ def draw(comm, number: int) -> tuple[Callable[[bool], vmdg.Problem], int]:
 @pytest.mark.parametrize("number", range(20))
 def test_same_end(comm, number):
     """The forces at the end within 1 % of the largest, the dissipated energy within 1 %, and a
-    balance of energies within 2e-3, or twice that of the new mesh from the start."""
+    balance of energies that the change of the mesh and all behind it leave within 1e-3.
+
+    Steps before it have their own error, 1.7e-3 in scene 0, with and without the change.
+    """
     make, row = draw(comm, number)
     with warnings.catch_warnings():
         # Meshes are too coarse for some of the process zones.
         warnings.simplefilter("ignore", vmdg.ModelWarning)
         old, new, fresh = make(False), make(True), make(True)
-        vmdg.solve(old, TIMES[:row], ENERGY)
+        before = vmdg.solve(old, TIMES[:row], ENERGY).history
         vmdg.transfer(old, new)
         here = vmdg.solve(new, TIMES[row:], ENERGY, forces).history
         there = vmdg.solve(fresh, TIMES, ENERGY, forces).history
@@ -82,5 +85,6 @@ def test_same_end(comm, number):
     for name in ("along", "across"):
         assert here[name][-1] == pytest.approx(there[name][-1], abs=0.01 * largest)
     assert here["damage"][-1] == pytest.approx(there["damage"][-1], rel=0.01)
-    share = abs(here["imbalance"][-1]) / here["external"][-1]
-    assert share < max(2e-3, 2 * abs(there["imbalance"][-1]) / there["external"][-1])
+    change = here["imbalance"] - before["imbalance"][-1]
+    assert abs(change).max() < 1e-3 * here["external"][-1]
+    assert abs(here["imbalance"][-1]) < 2e-3 * here["external"][-1]

@@ -87,7 +87,8 @@ def test_nothing_shows_the_way(comm):
 
 
 def test_motion_to_the_next_equilibrium(comm):
-    """Pushed aside, a straight column that would long have buckled moves, against a drag.
+    """Pushed aside, a straight column that would long have buckled moves, against a drag: within
+    six corrections no step gets there.
 
     Where it comes to rest it also is if it is pushed first, and pressed then.
     """
@@ -99,7 +100,8 @@ def test_motion_to_the_next_equilibrium(comm):
         vmdg.solve(problem, [0.25, 0.5], options)
         if pressed == 0.5:
             assert deflection(problem)["deflection [mm]"] < 1e-9
-            jumps = vmdg.solve(problem, [1.0]).history["jump_steps"].sum()
+            few = vmdg.SolveOptions(max_iterations=6)
+            jumps = vmdg.solve(problem, [1.0], few).history["jump_steps"].sum()
             assert jumps > 0
         else:
             vmdg.solve(problem, [1.0], options)

@@ -124,6 +124,14 @@ BUDGETS = {
     ),
     "damaged block": Budget("as many as of the tie: bodies make the interpolation", krylov=9),
     "cells all apart": Budget("as of a tie", krylov=15),
+    "thin arms": Budget(
+        "multigrid, which fails in slender cells, is tried twice; its factors do for the rest",
+        rows=3,
+        systems=4,
+        solves=6,
+        residuals=10,
+        failed=0,
+    ),
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from typing import NamedTuple
+from zlib import crc32
 
 from petsc4py import PETSc
 
@@ -417,13 +418,18 @@ class Discretization:
         return total.array[: self.owned]
 
     def assemble_tangent(
-        self, matrix: PETSc.Mat, damage: bool = True, failing: bool = True
+        self,
+        matrix: PETSc.Mat,
+        damage: bool = True,
+        failing: bool = True,
+        bodies: PETSc.Mat | None = None,
     ) -> None:
         """Tangent at the state of the last :meth:`assemble_residual`, prescribed rows included.
 
         Args:
             damage: False fixes zeta: the damage part of (84) is omitted.
             failing: False omits interfaces that can fail: only ties connect the bodies.
+            bodies: What :func:`assemble_bodies` gave, if it still holds.
         """
         with timer("tangent at points"):
             parts = []
@@ -436,9 +442,12 @@ class Discretization:
                 )
         with timer("assemble tangent"):
             fresh = not matrix.assembled
-            matrix.zeroEntries()
-            # PETSc drops preallocated entries that are not set before the first assembly.
-            self._add_bodies(matrix)
+            if bodies is None:
+                matrix.zeroEntries()
+                # PETSc drops preallocated entries that are not set before the first assembly.
+                self._add_bodies(matrix)
+            else:
+                bodies.copy(matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
             self.surface.add_tangents(matrix)
             for part in parts:
                 add_tangent(matrix, *part)
@@ -453,6 +462,15 @@ class Discretization:
                 self._point_tangents = parts
             if self._dilatation is not None:
                 self._dilatation.add_to(matrix, parts)
+
+    @cached_property
+    def _moduli(self) -> tuple[list[fem.Constant], list[fem.Function]]:
+        """What the tangent of linear bodies is made of."""
+        energy = self.weak_form.over_bodies(lambda body, F: body.energy(F))
+        moving = [getattr(self.geometry, name, None) for name in ("macroscopic", "axial")]
+        constants = [one for one in energy.constants() if all(one is not c for c in moving)]
+        fields = (self.u, *self.bodies.fields)
+        return constants, [one for one in energy.coefficients() if one not in fields]
 
     def stored_energy(self, anew: bool = False) -> NDArray[np.float64]:
         """This rank's energy of the bodies, of the interfaces (30) and of springs (3,) [N mm];
@@ -487,6 +505,24 @@ class Discretization:
         for i, active in self.active.items():
             if i in other.active:
                 active.continue_from(other.active[i])
+
+
+def moduli_of(discretization: Discretization) -> int | None:
+    """A number that changes with the tangent of linear bodies on this rank; None where bodies are
+    not linear."""
+    if not discretization.bodies.linear:
+        return None
+    constants, functions = discretization._moduli
+    found = [one.value for one in constants] + [one.x.array for one in functions]
+    return crc32(b"".join(map(bytes, found)))
+
+
+def assemble_bodies(discretization: Discretization, matrix: PETSc.Mat) -> None:
+    """The bodies' tangent alone, in a matrix that has been assembled before; collective."""
+    with timer("assemble tangent"):
+        matrix.zeroEntries()
+        discretization._add_bodies(matrix)
+        matrix.assemble()
 
 
 def split(discretization: Discretization, cells: NDArray[np.bool_]) -> Split:

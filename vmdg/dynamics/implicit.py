@@ -183,7 +183,7 @@ class ImplicitSteps:
             self._system.inertia.append((self._rate, 1 / share))
         self._moves = self._supports.at(t - h, t, t + h)
         start = u0 + h * v0 + h * h * a0 / 2
-        converged, reason = self._snes.solve(self, start, searches=True)
+        converged, reason = self._snes.solve(self, start)
         word = step.invalid() if converged else cause(step.discretization, reason)
         if not word and not step.stabilization_suffices():
             word = "STABILIZATION_OUTGROWN"
@@ -290,9 +290,8 @@ class ImplicitSteps:
             self._motion.damping.tangent(self._rate)
         return self._system.solve([residual], [np.zeros_like(residual)], self._rtol)[0]
 
-    def product(self, way: Array) -> Array:
-        """The tangent on free dofs."""
-        return self._problem.loading.balance(self._system.product(way))
+    def longest(self, start: Array, way: Array) -> tuple[float, bool]:
+        return 1.0, True
 
     def test(self, norm: float) -> int:
         """Converged where forces balance to the tolerance, or to rounding."""

@@ -425,6 +425,13 @@ def total_in_frame(active: ActiveInterface) -> NDArray[np.float64]:
     return trial.total if trial.R is None else np.einsum("pji,pj->pi", trial.R, trial.total)
 
 
+def last_total(active: ActiveInterface) -> NDArray[np.float64]:
+    """The same at the last return map, from T = {P.N} + r (g - zeta) (nq, d) [MPa]."""
+    T, gap, R = active.values.traction, active.values.gap, active.values.rotation
+    total = T + active.stabilization.norm[active.quadrature.facet, None] * gap
+    return total if R is None else np.einsum("pji,pj->pi", R, total)
+
+
 def trial_of(active: ActiveInterface, stabilization: Stabilization, history: PointHistory) -> Trial:
     """Input of the return map at the current displacement for another tau_s and history, in both of
     which it is linear."""

@@ -104,6 +104,9 @@ CG_GAMG = {
 
 #: Number of dofs in 3D above which factors are lagged, and above which multigrid is cheaper.
 MAX_DIRECT, MAX_FACTORED = 3_000, 10_000
+#: Iterations after which factors take the place of multigrid, and the number of dofs up to which:
+#: a factorization costs 66 iterations at 21,000 dofs, and memory for more may be short.
+FEW, MAX_AFFORDED = {"ksp_max_it": 50}, 100_000
 
 #: Cost of a factorization and of the set-up of multigrid in Krylov iterations; measured at 42,000
 #: dofs in 3D: 1.8 s to 52 ms, 0.25 s to 13 ms.
@@ -112,6 +115,9 @@ FACTORIZATION, COARSENING = 35, 20
 #: Loosest and tightest relative tolerance of iterative linear solves. At points that change branch
 #: an inexact correction leads to another branch.
 MAX_RTOL, MIN_RTOL = 1e-4, 1e-6
+
+#: GMRES with the factors of a direct solve.
+REFINE = {**GMRES, "ksp_type": "fgmres", "ksp_max_it": FACTORIZATION}
 
 #: Fraction of the residual goal to which the last linear solve of a step converges, and the least
 #: multiple of the goal for earlier ones: in between, the end of a step would depend on how far a
@@ -141,11 +147,13 @@ def automatic_options(
         return direct, direct
     if size <= max_factored or problem.discretization.bodies.mean_dilatation:
         return lagged, direct
-    smoother = SWEEPS if problem.discretization.bodies.points is not None else {}
+    more = SWEEPS if problem.discretization.bodies.points is not None else {}
+    if size <= MAX_AFFORDED:
+        more = more | FEW
     if problem.discretization.symmetric and not problem.discretization.can_fail:
-        return CG_GAMG | smoother, direct
+        return CG_GAMG | more, direct
     coarsest = max(MOTIONS * pieces_apart(problem), GMRES_GAMG[COARSEST])
-    return GMRES_GAMG | smoother | {COARSEST: coarsest}, direct
+    return GMRES_GAMG | more | {COARSEST: coarsest}, direct
 
 
 def pieces_apart(problem: Problem) -> int:
@@ -206,8 +214,10 @@ class LinearSolver:
     A Krylov method reuses its preconditioner over Newton iterations and steps. It is rebuilt when
     the iterations that a new one would have saved add up to its cost, and when the method does not
     converge with the old one. If it does not converge with a new one either, as may happen near a
-    limit point, the system is solved directly. Systems are solved to the given tolerance, unless
-    the options set one.
+    limit point, the system is solved directly. Where that was multigrid, GMRES with these factors
+    solves the next systems, with 2, 4, 8 ... sets of factors before multigrid is tried again: it
+    may be bad for the mesh, as for thin arms of laminates, not for this state alone. Systems are
+    solved to the given tolerance, unless the options set one.
 
     Args:
         options: Options of KSP and PC; a ``ksp_type`` other than "preonly" is iterative.
@@ -235,6 +245,10 @@ class LinearSolver:
         self._direct_options = options if self._krylov is None else fallback
         self._follows_tolerance = "ksp_rtol" not in options
         self._fresh_effort, self._excess = 0.0, math.inf
+        self._refined: PETSc.KSP | None = None
+        self._age = 0  # Iterations that newer factors would have saved
+        self._failures = 0  # of multigrid
+        self._sets = 0  # of factors to be used before it is tried again
 
     def coarsen(self) -> None:
         """Build the interpolation of multigrid from the current values of the matrix; collective.
@@ -262,10 +276,18 @@ class LinearSolver:
             if self._krylov is not None and self._factorized != self._matrix.stateGet():
                 if self._follows_tolerance:
                     self._krylov.setTolerances(rtol=rtol)
-                if self._excess < self._setup and self._iterate(b, x, reuse=True):
-                    return
-                if self._iterate(b, x, reuse=False):
-                    return
+                if self._sets:
+                    if self._refine(b, x):
+                        return
+                    self._sets -= 1
+                if not self._sets:
+                    if self._excess < self._setup and self._iterate(b, x, reuse=True):
+                        return
+                    if self._iterate(b, x, reuse=False):
+                        return
+                    if self.multigrid:
+                        self._failures += 1
+                        self._sets = 2**self._failures
             self._solve_directly(b, x)
 
     def _iterate(self, b: PETSc.Vec, x: PETSc.Vec, reuse: bool) -> bool:
@@ -300,6 +322,24 @@ class LinearSolver:
             self.coarsened = self.coarsened and (reuse or not self._keeps)
         return converged
 
+    def _refine(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Solve by GMRES with the factors of the last direct solve, unless these are too old."""
+        pc, matrix = self._direct.getPC(), self._in(PETSc.Mat.Type.AIJ)
+        if self._age >= FACTORIZATION or pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
+            return False
+        if self._refined is None:
+            self._refined = make_ksp(matrix, REFINE)
+            self._refined.setPC(pc)
+            self._refined.setInitialGuessNonzero(True)
+        self._refined.setOperators(matrix)
+        pc.setReusePreconditioner(True)
+        self._refined.setTolerances(rtol=self._krylov.getTolerances()[0])
+        self._refined.solve(b, x)
+        iterations = self._refined.getIterationNumber()
+        self.iterations += iterations
+        self._age += max(iterations - 1, 0)
+        return self._refined.getConvergedReason() > 0
+
     def _set_operators(self, reuse: bool) -> None:
         kind = PETSc.Mat.Type.BAIJ if self.multigrid else PETSc.Mat.Type.AIJ
         _, rows = self._krylov.getOperators()
@@ -332,7 +372,8 @@ class LinearSolver:
         self._direct.setOperators(self._in(PETSc.Mat.Type.AIJ))
         state = self._matrix.stateGet()
         if state != self._factorized:
-            self._factorized = state
+            self._factorized, self._age = state, 0
+            self._direct.getPC().setReusePreconditioner(False)
             with timer("factorize"), refused_in_words(self._direct_options):
                 self._direct.setUp()
             refuse_memory(self._direct.getPC())
@@ -380,7 +421,7 @@ class LinearSolver:
 
     def free(self) -> None:
         """Free the PETSc objects; collective."""
-        for ksp in (self._krylov, self._direct):
+        for ksp in (self._krylov, self._direct, self._refined):
             if ksp is not None:
                 destroy(ksp)
         if self._copy is not None:

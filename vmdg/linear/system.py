@@ -9,6 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from ..assembly.discretization import assemble_bodies, moduli_of
 from ..assembly.means import lattice_of
 from ..base.arrays import power_of_two
 from ..base.parallel import global_any, global_norm, global_sum
@@ -60,6 +61,9 @@ class System:
         self._comm, self._discretization = problem.comm, problem.discretization
         # K as assembled; in the matrix, rows and columns of prescribed dofs are replaced.
         self._tangent: PETSc.Mat | None = None
+        # Its part of linear bodies, and the number of their moduli.
+        self._bodies: PETSc.Mat | None = None
+        self._moduli: int | None = None
         self.norm, self._unit = 0.0, 1.0
         self._make_matrix()
         self._apart = self._linear.multigrid and pieces_apart(problem) > 0
@@ -99,9 +103,10 @@ class System:
     def _free_matrix(self) -> None:
         self._linear.free()
         self._matrix.destroy()
-        if self._tangent is not None:
-            self._tangent.destroy()
-            self._tangent = None
+        for item in (self._tangent, self._bodies):
+            if item is not None:
+                item.destroy()
+        self._tangent = self._bodies = None
 
     def _release_means(self, prescribed: NDArray[np.int32]) -> None:
         free = np.setdiff1d(self._means.owned_dofs, prescribed)
@@ -187,7 +192,7 @@ class System:
 
     def _assemble(self) -> None:
         """Assemble K at the current state, with a copy."""
-        self._discretization.assemble_tangent(self._matrix)
+        self._discretization.assemble_tangent(self._matrix, bodies=self._linear_bodies())
         for matrix, factor in self.inertia:
             self._matrix.axpy(factor, matrix, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self.norm = self.norm or self._size()
@@ -197,6 +202,21 @@ class System:
             self._tangent = self._matrix.duplicate(copy=True)
         else:
             self._matrix.copy(self._tangent, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+
+    def _linear_bodies(self) -> PETSc.Mat | None:
+        """The tangent of linear bodies, which a first one has to precede; None for others;
+        collective."""
+        moduli = moduli_of(self._discretization)
+        if self._tangent is None or global_any(self._comm, moduli is None):
+            return None
+        if global_any(self._comm, self._bodies is None or moduli != self._moduli):
+            assemble_bodies(self._discretization, self._matrix)
+            if self._bodies is None:
+                self._bodies = self._matrix.duplicate(copy=True)
+            else:
+                self._matrix.copy(self._bodies, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            self._moduli = moduli
+        return self._bodies
 
     def _size(self) -> float:
         """Infinity norm of the matrix without walls; collective [N/mm]."""

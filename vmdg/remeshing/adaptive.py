@@ -29,6 +29,7 @@ from ..checkpoint.checkpoint import (
 from ..checks.model import checked_loads
 from ..checks.zone import load_of
 from ..domain.topology import facet_corners
+from ..linear.ksp import linear_options
 from ..output.history import History
 from ..problem.problem import Problem
 from ..problem.states import RunScales, Snapshot
@@ -130,8 +131,10 @@ def solve_adaptively(
     The front of a crack is the points of bonds that soften, or carry half of their strength. When
     a front has moved by 0.7 of the window, the mesh is made again around it, coarse in the wake of
     the crack, and the state is carried there by :func:`transfer`. A row in which a front has left
-    the window is not kept: it is computed again on the new mesh. So the first rows may be on a
-    coarse mesh; it must resolve the stress that starts a crack to within a factor of two.
+    the window is not kept: it is computed again on the new mesh. The first mesh, without a window,
+    only tells where cracks start: when it does, the run begins again, since on small cells bonds
+    soften sooner. Where a further crack starts far from the others, cells must resolve the stress
+    to within a factor of two.
 
     Args:
         make_problem: Makes the problem, with supports and loads, on a mesh whose cells have the
@@ -142,7 +145,8 @@ def solve_adaptively(
             about process zones says what is needed.
         window: Distance from a front up to which cells along interfaces have it [mm], at least
             the length of the process zone.
-        options: As for :func:`.solve`, without a table on disk. Of ``checkpoint`` a folder is made
+        options: As for :func:`.solve`, without a table on disk; in 3D the linear solver is that of
+            the first mesh with a window, on all meshes. Of ``checkpoint`` a folder is made
             for every mesh, when the state has come there and at the end; the last two are kept.
         monitor: As for :func:`.solve`; called with the problem of the present mesh.
         most_unknowns: Largest number of unknowns of a mesh.
@@ -151,7 +155,7 @@ def solve_adaptively(
             ranks; loads are those of the whole run.
 
     Raises:
-        ValueError: sizes that are not positive, a window smaller than four cells, options that
+        ValueError: sizes that are not positive, a window smaller than two cells, options that
             write a table, ``resume`` without a folder, a mesh with more unknowns, or what
             :func:`transfer` refuses.
         StepFailure: as of :func:`.solve`.
@@ -202,18 +206,20 @@ def _follow(
         problem, step, first = run.problem, run.problem.step, len(run.history)
         # The last row within the window.
         kept, said = [Kept(step.snapshot(), step.scales, first, reached, 0, False)], []
+        started = len(around.fronts) > 0
 
         def watch(problem: Problem) -> dict[str, float]:
             return dict(monitor(problem) if monitor else {}) | {"unknowns [-]": _unknowns(problem)}
 
-        def leaves(problem: Problem, kept=kept, said=said, around=around) -> bool:
+        def leaves(problem: Problem, kept=kept, said=said, around=around, shown=started) -> bool:
             farthest = _farthest(problem, around)
             if farthest <= radius:
                 done = kept[0].loads
                 done += problem.t == loads[done]
                 here = problem.step.snapshot(), problem.step.scales
                 ended = done == len(loads) or ends(problem, until)
-                kept[0] = Kept(*here, len(run.history), done, len(said), ended)
+                warned = len(said) if shown or ended else 0
+                kept[0] = Kept(*here, len(run.history), done, warned, ended)
             return kept[0].ended or farthest > MOVES * radius
 
         with _held_back(said, kept):
@@ -223,8 +229,10 @@ def _follow(
         if kept[0].ended:
             _save(run, around, folder)
             return
-        around = _window(problem, around)
         state, step.scales, count, reached = kept[0][:4]
+        if not started:
+            count, reached = 0, 0
+        around = _window(problem, around)
         del run.history.rows[count:]
         step.return_to(state)
         again = again + 1 if count == first else 0
@@ -234,8 +242,12 @@ def _follow(
                 f"from load factor {state.t:.6g} on; use a larger window or smaller load steps"
             )
         run.problem = _made(make_problem, around, most_unknowns)
-        if run.history.rows:
-            run.transfers.append(transfer(problem, run.problem))
+        if not started and problem.mesh.topology.dim == 3:
+            # The choice would change with the size of the mesh.
+            solver = linear_options(run.problem, options.petsc).solver
+            options = replace(options, petsc={**(options.petsc or {}), **solver})
+        if started and run.history.rows:
+            run.transfers.append(transfer(problem, run.problem, options.petsc))
             _save(run, around, folder)
 
 
@@ -289,10 +301,10 @@ def _last_window(comm: MPI.Comm, folder: Path) -> tuple[Path, Array, Array] | No
 def _checked(
     fine: float, window: float, options: SolveOptions | None, resume: bool
 ) -> SolveOptions:
-    if not (0 < fine < np.inf and 4 * fine <= window < np.inf):
+    if not (0 < fine < np.inf and 2 * fine <= window < np.inf):
         raise ValueError(
             f"solve_adaptively: fine = {fine!r} and window = {window!r} must be positive lengths, "
-            "the window at least four cells"
+            "the window at least two cells"
         )
     options = SolveOptions() if options is None else options
     if options.csv is not None:

@@ -36,6 +36,7 @@ from ..interface.active import ActiveInterface, resume, total_in_frame
 from ..interface.guess import hold_here
 from ..interface.history import PointHistory
 from ..interface.parted import turned
+from ..linear.ksp import Petsc
 from ..linear.system import PRECISE, System
 from ..problem.problem import Problem
 from ..problem.states import Energy
@@ -80,7 +81,7 @@ class Transfer:
     corrections: int
 
 
-def transfer(old: Problem, new: Problem) -> Transfer:
+def transfer(old: Problem, new: Problem, petsc: Petsc | None = None) -> Transfer:
     """Give a problem the state of another one on another mesh of the same bodies; collective.
 
     Bodies are recognised by their tags, interfaces by their order. Displacement, load factor,
@@ -92,6 +93,7 @@ def transfer(old: Problem, new: Problem) -> Transfer:
         old: A problem in a converged state; it is not changed.
         new: The same problem on another mesh, with all its supports and loads; its state is
             replaced.
+        petsc: Linear solver, as of :class:`vmdg.SolveOptions`.
 
     Raises:
         ValueError: the problems differ in more than the mesh, or have what cannot be carried:
@@ -103,7 +105,7 @@ def transfer(old: Problem, new: Problem) -> Transfer:
     step, starts = new.step, [values.copy() for values in new.loading.given.starts]
     before = step.snapshot(), step.scales, step.sliding
     try:
-        return _carry(old, new)
+        return _carry(old, new, petsc)
     except BaseException:
         state, step.scales, step.sliding = before
         for mine, values in zip(new.loading.given.starts, starts, strict=True):
@@ -153,7 +155,7 @@ def _refused(problem: Problem) -> str:
     return next((what for what, there in found.items() if there), "")
 
 
-def _carry(old: Problem, new: Problem) -> Transfer:
+def _carry(old: Problem, new: Problem, petsc: Petsc | None) -> Transfer:
     comm, step, now = new.comm, new.step, new.discretization
     before = energy_of(old.step)
     stored = old.discretization.stored_energy().sum()
@@ -188,7 +190,7 @@ def _carry(old: Problem, new: Problem) -> Transfer:
     step.assemble_residual(hold=True)
     for active, known in failing:
         hold_here(active, np.zeros_like(known.compliance))
-    unbalanced, corrections = _balance(new)
+    unbalanced, corrections = _balance(new, petsc)
     for active, known in failing:
         active.take_traction()
         r = active.stabilization.norm[active.quadrature.facet]
@@ -312,12 +314,12 @@ def _of_tag(bodies: PointBodies, tag: int) -> tuple[Array, Array]:
 # Balance
 
 
-def _balance(problem: Problem) -> tuple[float, int]:
+def _balance(problem: Problem, petsc: Petsc | None) -> tuple[float, int]:
     """Balance the forces with zeta held; the norm of the first ones [N], and the number of
     corrections; collective."""
     step, loading, comm, u = problem.step, problem.loading, problem.comm, problem.u.x
     owned, size = problem.discretization.owned, float(box_sides(problem.mesh).max())
-    system, norms = System(problem, None), []
+    system, norms = System(problem, petsc), []
     try:
         for count in range(_MOST + 1):
             forces = step.assemble_residual(hold=True)
@@ -328,6 +330,8 @@ def _balance(problem: Problem) -> tuple[float, int]:
             if norms[-1] <= goal and not global_norm(comm, away) > 0:
                 return norms[0], count
             u.array[:owned] += system.solve([-free], [away], PRECISE)[0]
+            # Krylov methods solve the equations of supports to a tolerance only.
+            u.array[:owned] += loading.away(problem.t)
             u.scatter_forward()
             problem.discretization.update_means()
         raise RuntimeError(

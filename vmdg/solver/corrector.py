@@ -73,8 +73,7 @@ class Corrector:
         newton = _Newton(problem, self._options, self._system, iterate, self._size, dt)
         with timer("predictor"):
             newton.predict(last)
-        start, searches = packed(iterate.place()), limits.by_load_alone
-        converged, reason = self._snes.solve(newton, start, searches, newton.longest)
+        converged, reason = self._snes.solve(newton, packed(iterate.place()))
         reason = reason if converged else cause(problem.discretization, reason)
         found = newton.attempt()
         # The forces of a failed attempt do not count for the run.
@@ -263,20 +262,13 @@ class _Newton:
     def correction(self, residual: Array) -> Array:
         return -packed(self._correct(-residual[:-1]))
 
-    def product(self, way: Array) -> Array:
-        """J.x = K.du - f dlambda on free dofs."""
-        du, dt = unpacked(way)
-        forces = self._system.product(du)
-        if self._rate is not None:
-            forces = forces - dt * self._rate.forces
-        return np.append(self._loading.balance(forces), 0.0)
-
-    def longest(self, start: Array, way: Array) -> float:
-        """Which part of a correction that would exceed the damage work of the step by far is
-        made."""
-        length = self._iterate.allowed(unpacked(start), unpacked(-way), 1.0)
+    def longest(self, start: Array, way: Array) -> tuple[float, bool]:
+        """No more than what would exceed the damage work of the step by far; a search where the
+        load does not change."""
+        direction = unpacked(way)
+        length = self._iterate.allowed(unpacked(start), direction, 1.0)
         self._ends_at_target &= length == 1.0
-        return length
+        return length, direction.t == 0
 
     def test(self, norm: float) -> int:
         reaction = self._iterate.reaction()

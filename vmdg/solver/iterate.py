@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..base.arrays import power_of_two
 from ..base.parallel import global_any, global_max, global_norm, global_sum
 from ..base.timers import timer
-from ..interface.active import total_in_frame
+from ..interface.active import last_total, total_in_frame
 from ..linear.system import System
 from ..problem.problem import Problem
 from .limits import ROUNDING, Direction, Limits, Reach
@@ -225,7 +225,7 @@ class Iterate:
         h = float(power_of_two(self._size / size)) if straight else INCREMENT * self._size / size
         with timer("rates"):
             interfaces = self._pieces.interfaces
-            before = [total_in_frame(active) for active in interfaces]
+            before = [last_total(active) for active in interfaces]
             self.visit(here.plus(direction, h))
             if bodies := discretization.bodies.points:
                 bodies.extrapolate(bodies.deformation(self._problem.u))

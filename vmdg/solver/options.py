@@ -82,8 +82,8 @@ class PathOptions:
         small: Tolerance for negligible quantities: the largest residual relative to the largest
             reaction or load; the work of a step, and that at the onset of damage, relative to the
             largest of a step; the error of a limit point relative to the stage.
-        halvings: Maximum number of halvings of a correction under parameter control, and of the
-            interval around a limit point.
+        halvings: Maximum number of trials along a correction at a constant load, and of halvings of
+            the interval around a limit point.
         patience: Number of corrections that hardly reduce the residual before an attempt fails, of
             jumps at one load factor before the path is traced, and of negligible steps before one
             under load control.
@@ -176,9 +176,10 @@ class SolveOptions:
             monotonic loading. Loads are the maxima of a cycle. Such a run uses load control.
         max_loss: Largest fraction of the strength lost at a point in a step with cycles, which
             determines the step size.
-        petsc: Options for SNES, KSP and PC, without prefix. Default: a backtracking line search
-            under load control, full steps if the damage work is prescribed, and the linear solver
-            of :func:`vmdg.linear.ksp.automatic_options`. Unused options cause a warning.
+        petsc: Options for SNES, KSP and PC, without prefix. Default: where the load is
+            constant, corrections as long as the residual does work along them, otherwise whole
+            ones, and the linear solver of :func:`vmdg.linear.ksp.automatic_options`. Unused options
+            cause a warning.
         petsc_options: DOLFINx's name for ``petsc``.
         path: Parameters of path following, see :class:`PathOptions`.
         energy: Add the energies of every step to the history. At finite strain the external work

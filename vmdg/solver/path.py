@@ -239,12 +239,16 @@ class Path:
         if self._size.idle > self._numbers.idle:
             problem.step.return_to(before)
             raise StepFailure(self._complaint(limits, found.failed("NO_END")), self._result)
-        part, peak = Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0), []
+        end = problem.t
+        part, peak = Part(end, stage.done(end), end - start, found, cuts, 0), []
         if stage.follows and (
             inside := self._peaks.inside(before, limits, last, found, stage.most)
         ):
             attempt, state = inside
             row = Part(state.t, stage.done(state.t), state.t - start, attempt, 0, 0)
+            if problem.t != end:
+                self._size = replace(self._size, last=attempt)
+                return row, []
             peak.append((row, state))
         return part, peak
 

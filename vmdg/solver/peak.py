@@ -2,7 +2,8 @@
 
 They are rows, so that the largest value of a column does not depend on the number of load steps.
 Steps are as they would be without: a peak is looked at from the start of its step, and the run
-continues from the end.
+continues from the end, unless bonds are damaged less there than at the peak: two steps from one
+start may damage different ones. Then it continues from the peak.
 """
 
 from __future__ import annotations
@@ -65,7 +66,8 @@ class Peaks:
         self, before: Snapshot, limits: Limits, last: Attempt | None, found: Attempt, most: float
     ) -> tuple[Attempt, Snapshot] | None:
         """The state inside a converged step in which the force exceeds all so far and that at its
-        end; None if there is none, or if the load falls.
+        end, in which the problem is if the step is to end there; None if there is none, or if the
+        load falls.
         """
         small = self._numbers.small
         if limits.toward * (self._problem.t - before.t) <= 0:
@@ -76,13 +78,29 @@ class Peaks:
         self._largest = max(self._largest, end.force)
         if found.passed - self._largest > small * found.passed:
             look = self._look(before, replace(limits, kinks=True), last, most)
+            if look and look.place.force - self._largest <= small * self._largest:
+                look = None  # Of the iteration, not of the path.
         elif len(self._last) == 2:
             look = self._smooth(before, limits, last, found, end, most)
         if look is not None:
             self._largest = max(self._largest, look.place.force)
         kink = found.onset or found.passed > -np.inf
         self._last = [*([] if kink else self._last[-1:]), end]
-        return look and (look.attempt, look.state)
+        if look is None:
+            return None
+        if self._heals(look.state, self._problem.step.snapshot()):
+            self._problem.step.return_to(look.state)
+            self.leave()
+        return look.attempt, look.state
+
+    def _heals(self, state: Snapshot, end: Snapshot) -> bool:
+        """Whether points that stay in place are damaged less at the end than in a state."""
+        heals = False
+        if state.discretization is end.discretization:
+            for one, other in zip(state.interfaces, end.interfaces, strict=True):
+                stays = one.pairs is None
+                heals |= stays and bool((one.history.softening > other.history.softening).any())
+        return global_any(self._problem.comm, heals)
 
     def _smooth(
         self,

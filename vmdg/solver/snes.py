@@ -14,16 +14,20 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.parallel import global_max
-from ..compat import SNES_REASONS, UNBOUNDED_SEARCH
+from ..base.parallel import global_any, global_max, global_norm, global_sum
+from ..compat import SNES_REASONS
 from ..linear.ksp import destroy, set_options, warn_of_unused
 from ..problem.problem import Problem
 from .options import SolveOptions
 
 Array = NDArray[np.float64]
 
-#: The line search: backtracking by halves, or full steps.
-KIND = "snes_linesearch_type"
+#: PETSc's own line search. By default it makes the correction, which has been shortened before.
+SEARCH = "snes_linesearch_type"
+
+#: Work of the residual along a correction at its end, relative to that at its start, that ends a
+#: search.
+SLACK = 0.5
 
 _REASONS = {value: name for name, value in SNES_REASONS.items()}
 
@@ -37,15 +41,15 @@ class Equations(Protocol):
     def correction(self, residual: Array) -> Array:
         """J^-1.R, which is subtracted from the state of the last residual."""
 
-    def product(self, way: Array) -> Array:
-        """J along a direction, for the slope of a line search."""
+    def longest(self, start: Array, way: Array) -> tuple[float, bool]:
+        """Which part of a correction from a state may be made, and whether to search on it."""
 
     def test(self, norm: float) -> int:
         """PETSc's reason to end the iteration at a norm of R, or to continue it."""
 
 
 class _Linear:
-    """The contexts of PETSc for the linear solver and the matrix."""
+    """The context of PETSc for the linear solver."""
 
     def __init__(self, equations: Equations):
         self._equations = equations
@@ -54,9 +58,6 @@ class _Linear:
         x.array[:] = self._equations.correction(b.array_r)
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)
 
-    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        y.array[:] = self._equations.product(x.array_r)
-
 
 class Snes:
     """One SNES for the equations of all steps."""
@@ -64,44 +65,40 @@ class Snes:
     def __init__(self, comm: MPI.Comm, local: int, options: SolveOptions):
         self._x = PETSc.Vec().createMPI((local, None), comm=comm)
         self._residual = self._x.duplicate()
-        self._matrix = PETSc.Mat().create(comm)
-        self._matrix.setSizes(((local, None), (local, None)))
-        self._matrix.setType(PETSc.Mat.Type.PYTHON)
+        # PETSc asks for a matrix of this size, which nothing uses.
+        sizes = ((local, None), (local, None))
+        self._matrix = PETSc.Mat().createConstantDiagonal(sizes, 1.0, comm=comm)
         self._snes = PETSc.SNES().create(comm)
         self._snes.getKSP().setType(PETSc.KSP.Type.PYTHON)
         self._snes.getKSP().getPC().setType(PETSc.PC.Type.NONE)
         self._own = {k: v for k, v in (options.petsc or {}).items() if k.startswith("snes_")}
-        self._kind = ""  # of the line search so far
-        # By halves, independently of the norm of the correction.
-        least = float(np.finfo(float).tiny)
-        halves = {"order": 1, "max_it": options.path.halvings, "minlambda": least}
-        halves |= UNBOUNDED_SEARCH
-        search = {f"snes_linesearch_{name}": value for name, value in halves.items()}
-        set_options(self._snes, search | {"snes_stol": 0.0} | self._own)
+        self._comm, self._most = comm, options.path.halvings
+        set_options(self._snes, {SEARCH: "basic", "snes_stol": 0.0} | self._own)
 
-    def solve(
-        self,
-        equations: Equations,
-        start: Array,
-        searches: bool,
-        longest: Callable[[Array, Array], float] | None = None,
-    ) -> tuple[bool, str]:
+    def solve(self, equations: Equations, start: Array) -> tuple[bool, str]:
         """Solve from a state on; collective.
-
-        Args:
-            searches: Whether corrections are halved that do not reduce the residual.
-            longest: Which part of a correction may be made at most, from the state and the
-                correction; None for all of it.
 
         Returns:
             Whether it has converged, and PETSc's reason.
         """
 
+        last: list[Array] = []  # The last state and its residual
+
+        def at(x: Array) -> Array:
+            if global_any(self._comm, not last or not np.array_equal(x, last[0])):
+                finite = np.isfinite(global_norm(self._comm, x))
+                last[:] = x.copy(), equations.residual(x) if finite else np.full_like(x, np.nan)
+            return last[1]
+
         def residual(_: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-            f.array[:] = equations.residual(x.array_r)
+            f.array[:] = at(x.array_r)
 
         def shorten(x: PETSc.Vec, y: PETSc.Vec) -> bool:
-            length = longest(x.array_r, y.array_r) if longest else 1.0
+            start, way = x.array_r.copy(), -y.array_r
+            length, searches = equations.longest(start, way)
+            searches &= SEARCH not in self._own
+            if searches and np.isfinite(global_norm(self._comm, way)):
+                length = self._searched(at, start, length * way) * length
             y.scale(length)
             return length < 1.0
 
@@ -112,17 +109,41 @@ class Snes:
         self._snes.setConvergenceTest(lambda _, __, norms: equations.test(norms[2]))
         self._snes.setLineSearchPreCheck(shorten)
         self._snes.getKSP().setPythonContext(linear)
-        self._matrix.setPythonContext(linear)
-        self._matrix.setUp()
-        kind = self._own.get(KIND, "bt" if searches else "basic")
-        if kind != self._kind:
-            PETSc.Options(self._snes.getOptionsPrefix())[KIND] = self._kind = kind
-            self._snes.setFromOptions()
         self._snes.solve(None, self._x)
         if self._own:
             warn_of_unused(self._snes)
         reason = self._snes.getConvergedReason()
         return reason > 0, _REASONS.get(reason, str(reason))
+
+    def _searched(self, residual: Callable[[Array], Array], start: Array, way: Array) -> float:
+        """Length at which the work R.du of the residual along a correction has about vanished.
+
+        At a constant load it is the derivative of the energy. Where several bonds soften the
+        tangent is almost singular, and the whole correction would break them and others: which of
+        them do break is found by residuals alone, before the next tangent.
+
+        Sources: Matthies and Strang 1979; Crisfield 1983.
+        """
+
+        def work(length: float) -> float:
+            return float(global_sum(self._comm, residual(start + length * way) @ way))
+
+        first, low, high, length = work(0.0), 0.0, 1.0, 1.0
+        below, above = first, work(length)
+        if np.isfinite(above) and (first >= 0 or above <= SLACK * -first):
+            return length
+        for i in range(self._most):
+            # By the secant and by halves, in turn; by halves from where nothing is finite.
+            share = 0.5 if i % 2 or not np.isfinite(above) else below / (below - above)
+            length = low + share * (high - low)
+            found = work(length)
+            if np.isfinite(found) and (first >= 0 or abs(found) <= SLACK * -first):
+                break
+            if found < 0:
+                low, below = length, found
+            else:
+                high, above = length, found
+        return length
 
     def free(self) -> None:
         destroy(self._snes)

@@ -93,14 +93,15 @@ def dcb() -> Scene:
 
 
 def dcb_solid() -> Scene:
-    """A double cantilever beam of tetrahedra, whose front bends backwards at both edges."""
-    arm, width, length, crack = 1.5, 1.5, 60.0, 10.0
+    """A double cantilever beam of tetrahedra, one half of its width; its front bends backwards at
+    the edge."""
+    arm, half, length, crack = 1.5, 1.5, 110.0, 12.0
     root = blocks(
         cell="tetrahedron",
-        divisions=(1, 30, 1),
+        divisions=(1, 22, 1),
         length=2 * arm,
         height=length,
-        depth=width,
+        depth=half,
         interface=(arm, arm),
     )
 
@@ -108,7 +109,7 @@ def dcb_solid() -> Scene:
         mesh, cells, sides = refined(root, size)
         interface = vmdg.Interface(
             between=(1, 2),
-            law=vmdg.Debonding(strength=20.0, critical_gap=0.02),
+            law=vmdg.Debonding(strength=24.0, critical_gap=1 / 60),
             initial_damage=lambda x: np.where(x[1] < crack, 1.0, 0.0),
         )
         body = vmdg.NeoHookean(E=70e3, nu=0.3)
@@ -118,6 +119,7 @@ def dcb_solid() -> Scene:
         for side, x in ((-1, 0.0), (1, 2 * arm)):
             problem.dirichlet_points(at(x, 0.0), lambda t, s=side: s * t / 2, "x")
         problem.dirichlet(sides.find("top"), 0.0)
+        problem.dirichlet(sides.find("back"), 0.0, "z")
         return problem
 
     def monitor(problem: vmdg.Problem) -> dict[str, float]:
@@ -125,11 +127,11 @@ def dcb_solid() -> Scene:
         return {"motion [mm]": problem.t, "force [N]": force}
 
     # The opening grows with the square of the crack.
-    loads = 3.0 * np.append([0.03, 0.06], np.linspace(0.3, 1.0, 18) ** 2)
+    loads = 20.4 * np.append([0.006, 0.012], np.linspace(0.14, 1.0, 30) ** 2)
     # Factors of slender arms are cheap: multigrid, the default for this size, takes twice as long.
     options = vmdg.SolveOptions(energy=True, progress=60.0, petsc=GMRES_LDLT)
-    path = (crack - 3, 46.0)
-    return Scene("DCB in 3D", make, monitor, loads, 0.75, 3.0, path, options, 1, (0, arm))
+    path = (crack - 2, 102.0)
+    return Scene("DCB in 3D", make, monitor, loads, 1.5, 3.0, path, options, 1, (0, arm))
 
 
 def enf() -> Scene:
@@ -209,20 +211,20 @@ def mmb() -> Scene:
         monitor,
         385.0 * np.array([0.3, 0.6, 20.0]),
         0.25,
-        5.0,
-        (crack - 3, 62.0),
+        2.5,
+        (crack - 2, 46.0),
         vmdg.SolveOptions(energy=True, progress=60.0, unstable="trace", max_share=0.004),
-        until=lambda problem: deflection(problem) > 4.5,
+        until=lambda problem: deflection(problem) > 1.6,
     )
 
 
 def peel() -> Scene:
-    """A film that is lifted off its ground at one end, at finite strain."""
-    thick, free, energy, strength = 0.1, 2.0, 0.2, 1.5
+    """A strip of rubber that is lifted off its ground at one end, at finite strain."""
+    thick, free, energy, strength = 1.0, 3.0, 0.2, 0.5
     root = beams(
         cell="triangle",
-        stations=(0.0, free, 12.0),
-        divisions=(20, 100),
+        stations=(0.0, free, 40.0),
+        divisions=(4, 37),
         height=thick,
         rows=1,
         precrack=free,
@@ -232,8 +234,8 @@ def peel() -> Scene:
         mesh, cells, sides = refined(root, size)
         bond = vmdg.Debonding(strength, 2 * energy / strength)
         interface = vmdg.Interface(sides.find("interface"), law=bond)
-        film, ground = vmdg.NeoHookean(E=4e3, nu=0.3), vmdg.NeoHookean(E=4e5, nu=0.3)
-        problem = vmdg.Problem(mesh, cells, {1: ground, 2: film}, [interface], degree=2)
+        strip, ground = vmdg.NeoHookean(E=10.0, nu=0.4), vmdg.NeoHookean(E=1e3, nu=0.3)
+        problem = vmdg.Problem(mesh, cells, {1: ground, 2: strip}, [interface], degree=2)
         problem.dirichlet(sides.find("bottom"), 0.0)
         problem.dirichlet_points(at(0.0, thick), lambda t: t, "y")
         return problem
@@ -242,8 +244,8 @@ def peel() -> Scene:
         force = problem.reaction_points(at(0.0, thick))[1]
         return {"motion [mm]": problem.t, "force [N]": force}
 
-    loads = np.linspace(0.0, 5.0, 41)[1:]
-    return Scene("peel", make, monitor, loads, 0.05, 1.0, (free - 0.5, 8.0))
+    loads = np.linspace(0.0, 24.0, 49)[1:]
+    return Scene("peel", make, monitor, loads, 0.25, 2.5, (free - 1, 30.0))
 
 
 SCENES = {"dcb": dcb, "enf": enf, "mmb": mmb, "peel": peel, "dcb-3d": dcb_solid}

@@ -77,7 +77,7 @@ class Cost:
             both(*self.efforts),
             both(*(1e3 * total for total in totals)),
             f"{totals[1] / totals[0]:.3f}",
-            *(f"{value:.4g}" for value in self.more.values()),
+            *("" if np.isnan(value) else f"{value:.4g}" for value in self.more.values()),
         ]
 
 
