@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx.mesh import meshtags
+from dolfinx.mesh import CellType, create_rectangle, meshtags
 from support.problems import joined
 from support.scenes import SEVERAL_RANKS, two_blocks, unit_box
 
@@ -271,3 +271,55 @@ def test_energy_of_the_cells():
     body = vmdg.GradientDamage(E, NU, ENERGY, LENGTH, cell=0.4)
     assert body.toughness == pytest.approx(ENERGY / 1.15)
     assert body.strength == pytest.approx(BODY.strength / 1.15**0.5)
+
+
+def surfing(n, steps, length=0.1, size=(1.2, 0.6)):
+    """A strip whose edges follow the field of a crack that runs along it at G = G_c; how far, and
+    the history from there on, where it runs steadily."""
+    e, energy = 210e3, 2.7
+    shear, h = e / 2 / (1 + NU), size[0] / n
+    rows = round(size[1] / h) // 2 * 2 + 1
+    high = rows * h / 2
+    mesh = create_rectangle(
+        MPI.COMM_SELF, [(0, -high), (size[0], high)], (n, rows), CellType.quadrilateral
+    )
+    body = vmdg.GradientDamage(e, NU, energy, length, cell=h)
+    tags = meshtags(mesh, 2, *_every_cell(mesh))
+    problem = vmdg.Problem(mesh, tags, {1: body}, [], kinematics="small")
+
+    def edge(x, t):
+        x, y = x[0] - 0.3 - t, x[1]
+        r, angle = np.hypot(x, y), np.arctan2(y, x)
+        K = np.sqrt(e / (1 - NU**2) * energy)
+        size = K / 2 / shear * np.sqrt(r / 2 / np.pi) * (3 - 4 * NU - np.cos(angle))
+        return np.array([size * np.cos(angle / 2), size * np.sin(angle / 2)])
+
+    sides = lambda x: np.isclose(np.abs(x[1]), high) | np.isclose(x[0] % size[0], 0)  # noqa: E731
+    problem.dirichlet(sides, edge)
+    points, space = problem.discretization.bodies.points, vmdg.body_damage(problem).function_space
+    x = space.tabulate_dof_coordinates()[space.dofmap.list]
+    cracked = (np.abs(x[..., 1]) < 0.51 * h) & (x[..., 0] < 0.3 + 1e-9)
+    problem.step.damage.apply(cracked[points.cells].astype(float))
+    points.commit()
+    history = vmdg.solve(problem, np.linspace(0, 0.5, steps + 1), OPTIONS).history
+    way, steady = history["load"], history["load"] > 0.199
+
+    def per_way(values):
+        return np.polyfit(way[steady], values[steady], 1)[0] / energy
+
+    spent, released = history["plastic"], history["external"] - history["bulk"]
+    lost = np.abs(np.diff(history["imbalance"][steady])).sum() / np.ptp(history["external"][steady])
+    return per_way(spent), per_way(released), lost
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank is enough")
+@pytest.mark.parametrize(
+    ("n", "steps"), [(24, 10), *(pytest.param(n, n // 2, marks=pytest.mark.long) for n in (36, 48))]
+)
+def test_surfing_crack(n, steps):
+    """What is released, and what is dissipated along the way, are G_c per length; the energy that
+    is lost in steps, each a cell or less, is their difference."""
+    dissipated, released, lost = surfing(n, steps)
+    assert dissipated == pytest.approx(1, abs=0.03)
+    assert released == pytest.approx(1, abs=0.02)
+    assert lost < 3e-3
