@@ -181,7 +181,7 @@ def test_ranks(comm):
 
 
 def test_resumed(comm, out):
-    """A run that is resumed from a checkpoint is the uninterrupted one, digit by digit."""
+    """Resumed from a checkpoint a run is the uninterrupted one, on one rank digit by digit."""
     folder, problem = out / "run", notched(comm)
     save = vmdg.SolveOptions(energy=True, checkpoint=folder, checkpoint_every=1)
     whole = vmdg.solve(problem, UP_AND_DOWN, save).history
@@ -194,9 +194,11 @@ def test_resumed(comm, out):
     known = vmdg.read_checkpoint(resumed, out / "half")
     assert len(known) == len(first)
     end = vmdg.solve(resumed, UP_AND_DOWN[4:], save, history=known).history
+    # On several ranks up to rounding: sums over ranks are restored on one of them.
+    rounding = 0.0 if comm.size == 1 else 1e-12
     for name in ("load", "passes", "plastic", "damage", "bulk", "external"):
-        assert (end[name] == whole[name]).all(), name
-    assert (field(resumed) == field(problem)).all()
+        assert end[name] == pytest.approx(whole[name], rel=rounding, abs=rounding), name
+    assert field(resumed) == pytest.approx(field(problem), rel=0, abs=rounding)
 
 
 @pytest.mark.skipif(not HAS_MESHIO, reason="needs meshio")
@@ -314,7 +316,7 @@ def surfing(n, steps, length=0.1, size=(1.2, 0.6)):
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank is enough")
 @pytest.mark.parametrize(
-    ("n", "steps"), [(24, 10), *(pytest.param(n, n // 2, marks=pytest.mark.long) for n in (36, 48))]
+    ("n", "steps"), [(30, 15), *(pytest.param(n, n // 2, marks=pytest.mark.long) for n in (36, 48))]
 )
 def test_surfing_crack(n, steps):
     """What is released, and what is dissipated along the way, are G_c per length; the energy that
@@ -322,4 +324,4 @@ def test_surfing_crack(n, steps):
     dissipated, released, lost = surfing(n, steps)
     assert dissipated == pytest.approx(1, abs=0.03)
     assert released == pytest.approx(1, abs=0.02)
-    assert lost < 3e-3
+    assert lost < 1e-3

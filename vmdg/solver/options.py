@@ -129,7 +129,7 @@ class PathOptions:
     overstress: float = 4.0
     rest: float = 0.02
     drag: float = 1e-3
-    damage: float = 1e-3
+    damage: float = 1e-4
     passes: int = 1000
     idle: int = 100
 
