@@ -1,6 +1,6 @@
 """Meshes that follow a crack against a mesh that is fine all along its way: unknowns, time, curves.
 
-Double cantilever beams in 2D and 3D, end-notched flexure, mixed-mode bending and a film that is
+A double cantilever beam, end-notched flexure, mixed-mode bending and a strip of rubber that is
 peeled at finite strain; scenes in ``parts/adaptive``.
 """
 

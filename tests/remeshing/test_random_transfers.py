@@ -68,9 +68,9 @@ def draw(comm, number: int) -> tuple[Callable[[bool], vmdg.Problem], int]:
 @pytest.mark.parametrize("number", range(20))
 def test_same_end(comm, number):
     """The forces at the end within 1 % of the largest, the dissipated energy within 1 %, and a
-    balance of energies that the change of the mesh and all behind it leave within 1e-3.
+    balance of energies within 1e-3, of the change of the mesh and all behind it, and in all.
 
-    Steps before it have their own error, 1.7e-3 in scene 0, with and without the change.
+    Steps of scene 0 leave 1.4e-3 on one mesh too.
     """
     make, row = draw(comm, number)
     with warnings.catch_warnings():
@@ -87,4 +87,5 @@ def test_same_end(comm, number):
     assert here["damage"][-1] == pytest.approx(there["damage"][-1], rel=0.01)
     change = here["imbalance"] - before["imbalance"][-1]
     assert abs(change).max() < 1e-3 * here["external"][-1]
-    assert abs(here["imbalance"][-1]) < 2e-3 * here["external"][-1]
+    most = 2e-3 if number == 0 else 1e-3
+    assert abs(here["imbalance"][-1]) < most * here["external"][-1]

@@ -87,6 +87,7 @@ class Damage:
         self._fixed = [fem.dirichletbc(PETSc.ScalarType(0), outside, space)]
         self._scale = float(np.linalg.norm(self._assembled(resists)))
         self._scale = global_max(mesh.comm, self._scale)
+        self._matrix = fem_petsc.create_matrix(self._stiffness)
 
     @property
     def field(self) -> fem.Function:
@@ -137,7 +138,8 @@ class Damage:
     def _minimize(self, least: Array) -> bool:
         """From the current field; whether PETSc has converged; collective."""
         comm, count = self._mesh.comm, self._d.function_space.dofmap.index_map.size_local
-        matrix = fem_petsc.create_matrix(self._stiffness)
+        matrix = self._matrix
+        matrix.zeroEntries()
         fem_petsc.assemble_matrix(matrix, self._stiffness, self._fixed)
         matrix.assemble()
         vectors = [matrix.createVecRight() for _ in range(5)]
@@ -160,7 +162,7 @@ class Damage:
         snes.ksp.setTolerances(rtol=_LINEAR, max_it=10_000)
         snes.solve(None, x)
         reason, found = snes.getConvergedReason(), x.array.copy()
-        for one in (snes, matrix, *vectors):
+        for one in (snes, *vectors):
             one.destroy()
         # PETSc meets bounds to rounding.
         self._d.x.array[:count] = np.clip(found, least[:count], ~self._outside[:count])

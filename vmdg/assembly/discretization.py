@@ -513,8 +513,10 @@ def moduli_of(discretization: Discretization) -> int | None:
     if not discretization.bodies.linear:
         return None
     constants, functions = discretization._moduli
-    found = [one.value for one in constants] + [one.x.array for one in functions]
-    return crc32(b"".join(map(bytes, found)))
+    number = 0
+    for values in (*(one.value for one in constants), *(one.x.array for one in functions)):
+        number = crc32(values, number)
+    return number
 
 
 def assemble_bodies(discretization: Discretization, matrix: PETSc.Mat) -> None:

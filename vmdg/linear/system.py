@@ -204,10 +204,10 @@ class System:
             self._matrix.copy(self._tangent, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
 
     def _linear_bodies(self) -> PETSc.Mat | None:
-        """The tangent of linear bodies, which a first one has to precede; None for others;
-        collective."""
+        """The tangent of linear bodies, after a first one of bodies and interfaces; None before,
+        and for others; collective."""
         moduli = moduli_of(self._discretization)
-        if self._tangent is None or global_any(self._comm, moduli is None):
+        if self._tangent is None or moduli is None:
             return None
         if global_any(self._comm, self._bodies is None or moduli != self._moduli):
             assemble_bodies(self._discretization, self._matrix)

@@ -18,7 +18,7 @@ from .jump import jump
 from .limit_point import limit_point
 from .limits import ROUNDING, Direction, Limits
 from .options import PathOptions
-from .peak import Peaks
+from .peak import Peaks, heals
 from .reasons import explained
 from .result import Result, StepFailure
 from .retreat import done_twice
@@ -239,14 +239,16 @@ class Path:
         if self._size.idle > self._numbers.idle:
             problem.step.return_to(before)
             raise StepFailure(self._complaint(limits, found.failed("NO_END")), self._result)
-        end = problem.t
-        part, peak = Part(end, stage.done(end), end - start, found, cuts, 0), []
+        part, peak = Part(problem.t, stage.done(problem.t), problem.t - start, found, cuts, 0), []
         if stage.follows and (
             inside := self._peaks.inside(before, limits, last, found, stage.most)
         ):
             attempt, state = inside
             row = Part(state.t, stage.done(state.t), state.t - start, attempt, 0, 0)
-            if problem.t != end:
+            if heals(state, problem.step.snapshot()):
+                # The step ends there instead.
+                problem.step.return_to(state)
+                self._peaks.leave()
                 self._size = replace(self._size, last=attempt)
                 return row, []
             peak.append((row, state))

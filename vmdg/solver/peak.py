@@ -66,8 +66,7 @@ class Peaks:
         self, before: Snapshot, limits: Limits, last: Attempt | None, found: Attempt, most: float
     ) -> tuple[Attempt, Snapshot] | None:
         """The state inside a converged step in which the force exceeds all so far and that at its
-        end, in which the problem is if the step is to end there; None if there is none, or if the
-        load falls.
+        end; None if there is none, or if the load falls.
         """
         small = self._numbers.small
         if limits.toward * (self._problem.t - before.t) <= 0:
@@ -86,21 +85,7 @@ class Peaks:
             self._largest = max(self._largest, look.place.force)
         kink = found.onset or found.passed > -np.inf
         self._last = [*([] if kink else self._last[-1:]), end]
-        if look is None:
-            return None
-        if self._heals(look.state, self._problem.step.snapshot()):
-            self._problem.step.return_to(look.state)
-            self.leave()
-        return look.attempt, look.state
-
-    def _heals(self, state: Snapshot, end: Snapshot) -> bool:
-        """Whether points that stay in place are damaged less at the end than in a state."""
-        heals = False
-        if state.discretization is end.discretization:
-            for one, other in zip(state.interfaces, end.interfaces, strict=True):
-                stays = one.pairs is None
-                heals |= stays and bool((one.history.softening > other.history.softening).any())
-        return global_any(self._problem.comm, heals)
+        return look and (look.attempt, look.state)
 
     def _smooth(
         self,
@@ -145,6 +130,16 @@ class Peaks:
     def _place(self, before: Snapshot, limits: Limits, found: Attempt, most: float) -> Place:
         way = abs(self._problem.t - before.t) / limits.span + (found.work / most if most else 0.0)
         return Place((self._last[-1].way if self._last else 0.0) + way, force_of(self._problem))
+
+
+def heals(state: Snapshot, end: Snapshot) -> bool:
+    """Whether points that stay in place are damaged less at the end than in a state; collective."""
+    found = False
+    if state.discretization is end.discretization:
+        for one, other in zip(state.interfaces, end.interfaces, strict=True):
+            stays = one.pairs is None
+            found |= stays and bool((one.history.softening > other.history.softening).any())
+    return global_any(end.discretization.mesh.comm, found)
 
 
 def vertex(three: Sequence[Place]) -> Place:

@@ -13,8 +13,7 @@ from parts.delamination.laminate import MMB as PLY
 from parts.delamination.mmb import LEVERS, L
 
 import vmdg
-from vmdg.linear.ksp import GMRES_LDLT
-from vmdg.meshes import beams, blocks, refined
+from vmdg.meshes import beams, refined
 
 Size = Callable[[NDArray], NDArray]
 
@@ -23,7 +22,7 @@ SHOWN = vmdg.SolveOptions(energy=True, progress=60.0)
 
 @dataclass(frozen=True)
 class Scene:
-    """A crack that grows along a straight interface.
+    """A crack that grows along y = 0.
 
     Attributes:
         title: Of the table.
@@ -32,9 +31,8 @@ class Scene:
         loads: Load factors.
         fine: Size of cells where the crack is [mm].
         window: Of :func:`vmdg.solve_adaptively` [mm].
-        path: Places between which the mesh from the start is fine, along the interface [mm].
+        path: x between which the mesh from the start is fine [mm].
         options: Of the runs.
-        along, across: Axis of the interface, and the axis and place across it.
         until: Ends the run.
     """
 
@@ -46,15 +44,12 @@ class Scene:
     window: float
     path: tuple[float, float]
     options: vmdg.SolveOptions = SHOWN
-    along: int = 0
-    across: tuple[int, float] = (1, 0.0)
     until: Callable[[vmdg.Problem], bool] | None = None
 
     def everywhere(self, x: NDArray) -> NDArray:
         """The size of cells of a mesh that is fine all along the path."""
-        (low, high), (axis, place) = self.path, self.across
-        beyond = np.maximum(np.maximum(low - x[self.along], x[self.along] - high), 0.0)
-        away = np.hypot(beyond, x[axis] - place)
+        low, high = self.path
+        away = np.hypot(np.maximum(np.maximum(low - x[0], x[0] - high), 0.0), x[1])
         return self.fine + 0.4 * np.maximum(away - self.fine, 0.0)
 
 
@@ -90,51 +85,6 @@ def dcb() -> Scene:
 
     loads = np.linspace(0.0, 1.5, 31)[1:]
     return Scene("DCB", make, monitor, loads, 0.25, 5.0, (crack - 5, 66.0))
-
-
-def dcb_solid() -> Scene:
-    """A double cantilever beam of tetrahedra, one half of its width; its front bends backwards at
-    the edge."""
-    arm, half, length, crack = 1.5, 1.5, 150.0, 12.0
-    root = blocks(
-        cell="tetrahedron",
-        divisions=(1, 30, 1),
-        length=2 * arm,
-        height=length,
-        depth=half,
-        interface=(arm, arm),
-    )
-
-    def make(size: Size) -> vmdg.Problem:
-        mesh, cells, sides = refined(root, size)
-        interface = vmdg.Interface(
-            between=(1, 2),
-            law=vmdg.Debonding(strength=4.0, critical_gap=0.1),
-            initial_damage=lambda x: np.where(x[1] < crack, 1.0, 0.0),
-        )
-        body = vmdg.NeoHookean(E=70e3, nu=0.3)
-        problem = vmdg.Problem(
-            mesh, cells, {1: body, 2: body}, [interface], degree=2, kinematics="small"
-        )
-        for side, x in ((-1, 0.0), (1, 2 * arm)):
-            problem.dirichlet_points(at(x, 0.0), lambda t, s=side: s * t / 2, "x")
-        problem.dirichlet(sides.find("top"), 0.0)
-        problem.dirichlet(sides.find("back"), 0.0, "z")
-        return problem
-
-    def monitor(problem: vmdg.Problem) -> dict[str, float]:
-        force = problem.reaction_points(at(2 * arm, 0.0))[0]
-        return {"motion [mm]": problem.t, "force [N]": force}
-
-    # The opening grows with the square of the crack.
-    loads = 38.7 * np.linspace(0.05, 1.0, 46) ** 2
-    # Factors of slender arms are cheap: multigrid, the default for this size, takes twice as long.
-    # Corrections are several however short the step: with the default aim it stays far below a
-    # facet.
-    control = vmdg.PathOptions(aim=12)
-    options = vmdg.SolveOptions(energy=True, progress=60.0, petsc=GMRES_LDLT, path=control)
-    path = (crack - 2, 142.0)
-    return Scene("DCB in 3D", make, monitor, loads, 1.5, 3.0, path, options, 1, (0, arm))
 
 
 def enf() -> Scene:
@@ -251,4 +201,4 @@ def peel() -> Scene:
     return Scene("peel", make, monitor, loads, 0.25, 2.5, (free - 1, 30.0))
 
 
-SCENES = {"dcb": dcb, "enf": enf, "mmb": mmb, "peel": peel, "dcb-3d": dcb_solid}
+SCENES = {"dcb": dcb, "enf": enf, "mmb": mmb, "peel": peel}
